@@ -1,0 +1,52 @@
+# Every target sets up .venv by itself. Running needs no torch: `demo` installs the base, the rest installs all.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+OUT ?= out/demo
+
+.DEFAULT_GOAL := help
+.PHONY: help demo test check safety bench clean
+
+help:  ## list the targets
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 12
+
+$(BIN)/python:
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.base: pyproject.toml constraints.txt | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.all: pyproject.toml constraints.txt | $(BIN)/python
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
+	@touch $@ $(VENV)/.base
+
+demo: $(VENV)/.base  ## run the main job: simulated wearer -> bridge -> CAN -> simulated device
+	$(BIN)/hilbridge demo --seconds 30 --out $(OUT)
+
+test: $(VENV)/.all  ## lint, types, contracts, unit tests, and the tests on a kernel vcan0
+	$(MAKE) --no-print-directory check
+	$(BIN)/python -m pytest -n 2 --ignore tests/system --ignore tests/vcan
+	$(BIN)/python -m pytest tests/system  # real processes in real time: one after the other
+	tests/vcan/run $(BIN)/python
+
+$(VENV)/.safety: $(VENV)/.all
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test,safety]'
+	@touch $@
+
+# The hung-bridge campaign on a kernel bus runs inside tests/vcan/run, which finds or boots one.
+safety: $(VENV)/.safety  ## prove the safety contract: model checking, mutation, fuzzing, replay, hung bridge (PART=... for one)
+	$(BIN)/python -m tests.safety $(if $(PART),$(PART),--bus hilsim)
+	$(if $(PART),,VCAN_TIME_LIMIT_S=3000 VCAN_COMMAND="$(CURDIR)/$(BIN)/python -m tests.safety hung --bus vcan0" tests/vcan/run $(BIN)/python)
+
+check: $(VENV)/.all  ## ruff, mypy --strict, import contracts
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+bench: $(VENV)/.all  ## what prediction, tick, codec and bus cost on this machine
+	$(BIN)/hilbridge bench
+
+clean:  ## remove the environment and what runs have written
+	rm -rf $(VENV) out build *.egg-info

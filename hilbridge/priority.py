@@ -1,0 +1,55 @@
+"""Real-time scheduling where the system allows it, so that a busy machine does not make ticks late.
+
+Linux grants it to root and to processes with an rtprio limit. The process of a simulated bus comes first, it stands for
+a wire; then the tick, then what stamps the sensors, then the pictures' long computations; the recording's thread stays
+an ordinary one. The kernel keeps 5 % of the time for all
+others, so a process that runs away can still be stopped.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from enum import IntEnum
+
+
+class Level(IntEnum):
+    """Real-time priorities; higher runs first."""
+
+    ORDINARY = 0
+    VISION = 5
+    SENSORS = 10
+    TICK = 15
+    BUS = 20
+
+
+class _Granted:
+    """Whether this process runs in real time; set once, read by every thread as it starts."""
+
+    value = False
+
+
+def use_realtime_scheduling(level: Level = Level.TICK) -> bool:
+    """Put the calling thread at the tick's level (or another), and let others take theirs; False where not allowed.
+
+    On a single processor it would only keep the other end of the bus from running, so there it is left alone.
+    """
+    _Granted.value = (os.cpu_count() or 1) > 1 and _schedule(level)
+    return _Granted.value
+
+
+def take_level(level: Level) -> None:
+    """Put the calling thread at a level of its own, whatever thread it was started from; nothing without real time."""
+    if _Granted.value:
+        _schedule(level)
+
+
+def _schedule(level: Level) -> bool:
+    if sys.platform != "linux":
+        return False
+    policy = os.SCHED_OTHER if level is Level.ORDINARY else os.SCHED_RR
+    try:
+        os.sched_setscheduler(0, policy, os.sched_param(int(level)))
+    except OSError:
+        return False
+    return True

@@ -1,0 +1,155 @@
+"""The frozen records that pass between rooms. Units stand at the end of names; every `_ns` is the monotonic clock.
+
+A record says what happened, never what to do about it. Arrays inside records are not written to after construction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum, StrEnum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+class StampSource(StrEnum):
+    """Where a capture stamp comes from, best first."""
+
+    HARDWARE = "hardware"
+    RTCP = "rtcp"
+    ARRIVAL = "arrival"
+
+
+class Modality(IntEnum):
+    """What can go missing on its own; the value is the bit in validity masks (BRIDGE_HB, bundles)."""
+
+    GAZE = 0
+    HANDS = 1
+    SCENE = 2
+
+
+@dataclass(frozen=True, slots=True)
+class CameraFrame:
+    """One picture. `rgb` is (height, width, 3) uint8, C-contiguous."""
+
+    captured_ns: int
+    rgb: NDArray[np.uint8]
+    sequence: int
+    stamp: StampSource = StampSource.ARRIVAL
+
+
+@dataclass(frozen=True, slots=True)
+class GazeSample:
+    """A point of regard in the scene camera's picture: x, y in 0..1 from the top left; `valid` is False in a blink."""
+
+    captured_ns: int
+    x: float
+    y: float
+    valid: bool
+    stamp: StampSource = StampSource.ARRIVAL
+
+
+@dataclass(frozen=True, slots=True)
+class Hand:
+    """One detected hand: palm centre in 0..1 of the picture from the top left, detector score 0..1."""
+
+    x: float
+    y: float
+    score: float
+
+
+@dataclass(frozen=True, slots=True)
+class HandTracks:
+    """All hands found in one picture, in no particular order; `captured_ns` is the picture's."""
+
+    captured_ns: int
+    hands: tuple[Hand, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class FeatureVector:
+    """The input x_t of the network at one 25 Hz step, before z-scoring (features/layout.py names each entry).
+
+    `values` is (D,) float32, finite; `valid` has one entry per Modality (u_t); entries of an invalid modality are 0.
+    `oldest_input_ns` is the capture stamp of the oldest valid input used.
+    """
+
+    oldest_input_ns: int
+    captured_ns: int
+    values: NDArray[np.float32]
+    valid: tuple[bool, bool, bool]
+
+
+@dataclass(frozen=True, slots=True)
+class IntentEstimate:
+    """What the predictor believes the next verb is.
+
+    `probabilities` has one calibrated entry per class of `verbs.VERBS` and sums to 1; `confidence` is the calibrated
+    probability that `verb_index`, the top class, is right (with isotonic or Platt it is not max(probabilities)).
+    `valid` is the modality mask of the newest step.
+    """
+
+    oldest_input_ns: int
+    produced_ns: int
+    probabilities: tuple[float, ...]
+    verb_index: int
+    confidence: float
+    bundle_id: int
+    valid: tuple[bool, bool, bool]
+
+
+class Action(IntEnum):
+    """The gate's command, coded as on the wire (two bits, so that one flipped bit is never the other action)."""
+
+    HOLD = 0b01
+    ACT = 0b10
+
+
+class HoldReason(StrEnum):
+    """Why the bridge holds. Exactly one is named for every HOLD, the first that applies from the top."""
+
+    NONE = "none"  # the decision is ACT
+    STOPPED = "stopped"
+    DEVICE_FAULT = "device_fault"
+    DEVICE_SILENT = "device_silent"
+    NOT_ARMED = "not_armed"
+    DEVICE_NOT_READY = "device_not_ready"  # armed, but awaiting its three HOLDs or ramping down
+    LISTEN_ONLY = "listen_only"
+    OVERRUN = "overrun"
+    NO_ESTIMATE = "no_estimate"
+    SENSOR_MISSING = "sensor_missing"
+    STALE = "stale"
+    TREMOR = "tremor"
+    WARMING_UP = "warming_up"
+    VERB_NOT_ASSISTED = "verb_not_assisted"
+    REFRACTORY = "refractory"
+    VERB_CHANGE = "verb_change"
+    NOT_TOP_K = "not_top_k"
+    CONFIDENCE = "confidence"
+
+
+@dataclass(frozen=True, slots=True)
+class GateDecision:
+    """Act or Hold for one tick. `verb_index` is the assisted class under ACT and None under HOLD."""
+
+    action: Action
+    verb_index: int | None
+    confidence: float
+    reason: HoldReason
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One CAN frame as the rooms see it; both clocks are recorded where the port knows them."""
+
+    can_id: int
+    data: bytes
+    received_ns: int = 0
+    wall_ns: int = 0
+    is_error: bool = False
+    is_fd: bool = False
+    is_extended: bool = False
+    hardware_ns: int = 0  # the adapter's own clock, where its driver gives it; 0 otherwise
+    is_remote: bool = False
