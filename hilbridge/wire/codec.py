@@ -1,0 +1,307 @@
+"""Signals <-> bytes, from the DBC. cantools reads the file once; the tables made of it do the work at run time.
+
+A frame from the bus is checked for exact length, reserved bits, multiplexer, value table and range; what fails any of
+it is a `Rejected` with a reason, never an exception. Enumerated signals (own attribute of the DBC) travel under their
+names from the value table, so that a site may renumber them; all others are physical values, int where scale and
+offset are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import Any
+
+import cantools
+
+from hilbridge.errors import InputError
+from hilbridge.records import Frame
+
+Value = int | float | str
+HEADER_BITS = 0xFFFFFF  # CRC and counter belong to hilbridge.wire.e2e
+
+# What the bridge cannot work without, and the signals it reads or writes.
+REQUIRED: dict[str, tuple[str, ...]] = {
+    "STOP": (),
+    "CTRL_EMCY": ("Code", "State", "Latched", "Count"),
+    "ACT_CMD": ("Gate", "Verb", "Confidence", "Session", "Echo", "SensingAge"),
+    "ACT_AUTH": ("Freshness", "Mac"),
+    "CTRL_STATUS": (
+        "State",
+        "Reason",
+        "AppliedVerb",
+        "Authority",
+        "AcceptedCounter",
+        "Session",
+        "Armed",
+        "AssistZero",
+    ),
+    "CTRL_MEAS": ("Joint", "Angle", "Velocity", "AssistTorque", "GravityTorque"),
+    "BRIDGE_HB": ("SensorValid", "BridgeState", "Overruns", "BundleId", "ProtocolVersion"),
+    "CTRL_HB": ("ProtocolVersion", "BootNonce"),
+    "ARM_REQUEST": ("BridgeNonce", "Purpose"),
+    "ARM_CHALLENGE": ("DeviceNonce", "Session"),
+    "ARM_RESPONSE": ("Mac", "Session"),
+    "BRIDGE_DIAG": ("Index",),
+    "CTRL_DIAG": ("Index",),
+}
+
+
+class DbcError(InputError):
+    """The DBC cannot be used; the message is one line naming the file, the message and the cure."""
+
+
+class RejectReason(StrEnum):
+    """Why a received frame was dropped; the value is the counter's name in BRIDGE_DIAG."""
+
+    LENGTH = "RejLength"
+    RANGE = "RejRange"
+    MUX = "RejMux"
+    ENUM = "RejEnum"
+    RESERVED = "RejReserved"
+    UNKNOWN_ID = "RejUnknownId"
+    KIND = "RejKind"
+    CRC = "RejCrc"
+    REPEATED = "RejRepeated"
+    SEQUENCE = "RejSequence"
+    E2E_STATE = "RejE2EState"
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """A frame understood: message name, its signals by name (CRC and counter apart), the E2E counter, the frame."""
+
+    name: str
+    signals: Mapping[str, Value]
+    counter: int
+    frame: Frame
+
+
+@dataclass(frozen=True, slots=True)
+class Rejected:
+    """A frame dropped, and why; `name` is the message where the identifier is known, else empty."""
+
+    reason: RejectReason
+    name: str
+    frame: Frame
+
+
+@dataclass(frozen=True, slots=True)
+class Signal:
+    """One signal of the DBC as integers: raw = bits [start, start + bits), physical = raw * scale + offset."""
+
+    name: str
+    start: int
+    bits: int
+    is_signed: bool
+    scale: int | float
+    offset: int | float
+    lowest: int
+    highest: int
+    names: Mapping[int, str] | None
+    codes: Mapping[str, int] | None
+    start_value: int
+
+    def raw(self, word: int) -> int:
+        """Raw value out of the frame as one little-endian integer."""
+        value = (word >> self.start) & ((1 << self.bits) - 1)
+        return value - (1 << self.bits) if self.is_signed and value >> (self.bits - 1) else value
+
+    def to_raw(self, value: Value) -> int:
+        """Raw value of a physical value or name. Raises ValueError where the DBC has none."""
+        if isinstance(value, str):
+            if self.codes is None or value not in self.codes:
+                raise ValueError(f"{self.name} = {value!r}: not in the value table of the DBC")
+            return self.codes[value]
+        raw = value if self.scale == 1 and self.offset == 0 else (value - self.offset) / self.scale
+        raw = round(raw)
+        if not self.lowest <= raw <= self.highest or (self.names is not None and raw not in self.names):
+            raise ValueError(f"{self.name} = {value}: outside what the DBC allows")
+        return raw
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """One message of the DBC. `groups` has the signals of each multiplexer value, `used_bits` the bits allowed."""
+
+    name: str
+    can_id: int
+    length: int
+    senders: frozenset[str]
+    cycle_ms: int
+    timeout_ms: int
+    data_id: int | None
+    max_delta: int
+    signals: tuple[Signal, ...]
+    multiplexer: Signal | None
+    groups: Mapping[int, tuple[Signal, ...]]
+    used_bits: Mapping[int | None, int]
+
+
+def default_dbc_path() -> Path:
+    """The shipped DBC: beside this file in an installed package, in dbc/ in a checkout."""
+    beside = Path(__file__).with_name("iassistadl.dbc")
+    return beside if beside.is_file() else Path(__file__).parents[2] / "dbc" / "iassistadl.dbc"
+
+
+def _signal(signal: Any) -> Signal:
+    low = -(1 << (signal.length - 1)) if signal.is_signed else 0
+    high = (1 << (signal.length - (1 if signal.is_signed else 0))) - 1
+    scale, offset = signal.scale, signal.offset
+    if signal.minimum is not None:
+        low = max(low, round((signal.minimum - offset) / scale))
+    if signal.maximum is not None:
+        high = min(high, round((signal.maximum - offset) / scale))
+    attributes = signal.dbc.attributes if signal.dbc else {}
+    enumerated = "Enumerated" in attributes and attributes["Enumerated"].value == 1
+    choices = {int(code): str(name) for code, name in (signal.choices or {}).items()}
+    start = attributes["GenSigStartValue"].value if "GenSigStartValue" in attributes else 0
+    return Signal(
+        signal.name,
+        signal.start,
+        signal.length,
+        bool(signal.is_signed),
+        int(scale) if float(scale).is_integer() else scale,
+        int(offset) if float(offset).is_integer() else offset,
+        low,
+        high,
+        choices if enumerated else None,
+        {name: code for code, name in choices.items()} if choices else None,
+        int(start),
+    )
+
+
+def _bits(signals: tuple[Signal, ...]) -> int:
+    used = 0
+    for signal in signals:
+        used |= ((1 << signal.bits) - 1) << signal.start
+    return used
+
+
+def _message(message: Any, path: Path) -> Message:
+    attributes = {name: entry.value for name, entry in (message.dbc.attributes or {}).items()}
+    if any(signal.byte_order != "little_endian" for signal in message.signals):
+        raise DbcError(f"{path}: message {message.name} has big-endian signals; make them little endian (@1)")
+    header = [(s.start, s.length) for s in message.signals if s.name in ("CRC", "Counter")]
+    protected = "E2EDataId" in attributes
+    if protected and (message.length != 8 or sorted(header) != [(0, 16), (16, 8)]):
+        raise DbcError(
+            f"{path}: message {message.name} cannot carry E2E profile 5: 8 bytes, CRC at bit 0, Counter at 16"
+        )
+    made = {s.name: _signal(s) for s in message.signals if s.name not in ("CRC", "Counter")}
+    multiplexers = [s for s in message.signals if s.is_multiplexer]
+    if len(multiplexers) > 1:
+        raise DbcError(f"{path}: message {message.name} has nested multiplexers; use one")
+    always = tuple(made[s.name] for s in message.signals if s.name in made and s.multiplexer_ids is None)
+    groups: dict[int, tuple[Signal, ...]] = {}
+    for signal in message.signals:
+        for value in signal.multiplexer_ids or ():
+            groups[value] = (*groups.get(value, ()), made[signal.name])
+    header_bits = HEADER_BITS if protected else 0
+    used: dict[int | None, int] = {None: header_bits | _bits(always)}
+    used.update({value: header_bits | _bits(always) | _bits(group) for value, group in groups.items()})
+    return Message(
+        message.name,
+        message.frame_id,
+        message.length,
+        frozenset(message.senders),
+        int(message.cycle_time or 0),
+        int(attributes.get("RxTimeoutMs", 0)),
+        int(attributes["E2EDataId"]) if protected else None,
+        int(attributes.get("E2EMaxDeltaCounter", 1)),
+        always,
+        made[multiplexers[0].name] if multiplexers else None,
+        groups,
+        used,
+    )
+
+
+class Codec:
+    """The DBC as tables. `messages` by name, `by_id` by identifier."""
+
+    def __init__(self, dbc_path: Path | None = None) -> None:
+        """Read a DBC (the shipped one by default). Raises DbcError in one line naming file, message and cure."""
+        self.path = dbc_path or default_dbc_path()
+        try:
+            database: Any = cantools.database.load_file(str(self.path), database_format="dbc")
+        except FileNotFoundError:
+            raise DbcError(
+                f"{self.path}: no such DBC file; give the path of one, or none for the shipped one"
+            ) from None
+        except Exception as error:  # cantools raises whatever its parser meets
+            first_line = (str(error).splitlines() or [type(error).__name__])[0]
+            raise DbcError(f"{self.path}: not a DBC file that can be read ({first_line})") from None
+        self.messages = {message.name: _message(message, self.path) for message in database.messages}
+        self.by_id = {message.can_id: message for message in self.messages.values()}
+        cure = f"restore it from {default_dbc_path().name} as shipped"
+        for name, signals in REQUIRED.items():
+            if name not in self.messages:
+                raise DbcError(f"{self.path}: message {name} is missing; {cure}")
+            message = self.messages[name]
+            have = {s.name for s in message.signals}.union(s.name for g in message.groups.values() for s in g)
+            for signal in signals:
+                if signal not in have:
+                    raise DbcError(f"{self.path}: message {name} lacks signal {signal}; {cure}")
+            if name != "STOP" and message.data_id is None:
+                raise DbcError(f"{self.path}: message {name} lacks the attribute E2EDataId; {cure}")
+
+    def encode(self, message: str, signals: Mapping[str, Value]) -> bytes:
+        """Bytes with CRC and counter zero. Signals left out take their start value.
+
+        Raises KeyError for an unknown message, ValueError for a signal it lacks or a value the DBC does not allow.
+        """
+        layout = self.messages[message]
+        word = 0
+        fields = layout.signals
+        if layout.multiplexer is not None:
+            selector = layout.multiplexer
+            value = selector.to_raw(signals[selector.name]) if selector.name in signals else selector.start_value
+            fields = fields + layout.groups.get(value, ())
+        taken = 0
+        for field in fields:
+            if field.name in signals:
+                raw = field.to_raw(signals[field.name])
+                taken += 1
+            else:
+                raw = field.start_value
+            word |= (raw & ((1 << field.bits) - 1)) << field.start
+        if taken != len(signals):
+            unknown = sorted(set(signals) - {field.name for field in fields})
+            raise ValueError(f"{message} has no signal {', '.join(unknown)}")
+        return word.to_bytes(layout.length, "little")
+
+    def decode(self, frame: Frame) -> Decoded | Rejected:
+        """What a frame says, without regard to CRC and sequence (hilbridge.wire.e2e). Never raises."""
+        if frame.is_error or frame.is_fd or frame.is_extended or frame.is_remote:
+            return Rejected(RejectReason.KIND, "", frame)
+        layout = self.by_id.get(frame.can_id)
+        if layout is None:
+            return Rejected(RejectReason.UNKNOWN_ID, "", frame)
+        if len(frame.data) != layout.length:
+            return Rejected(RejectReason.LENGTH, layout.name, frame)
+        word = int.from_bytes(frame.data, "little")
+        fields = layout.signals
+        group: int | None = None
+        if layout.multiplexer is not None:
+            group = layout.multiplexer.raw(word)
+            if group not in layout.groups:
+                return Rejected(RejectReason.MUX, layout.name, frame)
+            fields = fields + layout.groups[group]
+        if word & ~layout.used_bits[group]:
+            return Rejected(RejectReason.RESERVED, layout.name, frame)
+        signals: dict[str, Value] = {}
+        for field in fields:
+            raw = field.raw(word)
+            if field.names is not None:
+                name = field.names.get(raw)
+                if name is None:
+                    return Rejected(RejectReason.ENUM, layout.name, frame)
+                signals[field.name] = name
+            elif not field.lowest <= raw <= field.highest:
+                return Rejected(RejectReason.RANGE, layout.name, frame)
+            else:
+                signals[field.name] = raw * field.scale + field.offset
+        counter = (word >> 16) & 0xFF if layout.data_id is not None else 0
+        return Decoded(layout.name, signals, counter, frame)

@@ -1,0 +1,78 @@
+"""Keys, session keys and MACs of the bridge, against RFC 4493 and against the device."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from firmware_sim import secoc as device
+from hilbridge.wire import secoc
+from hilbridge.wire.secoc import DEMO_KEY, Authenticator, KeyFileError, load_key
+
+requirement = pytest.mark.requirement
+U32 = st.integers(0, 0xFFFFFFFF)
+
+
+@requirement("P6")
+def test_cmac_vector_of_rfc_4493() -> None:
+    key = bytes.fromhex("2b7e151628aed2a6abf7158809cf4f3c")
+    assert secoc._cmac(key, b"").hex() == "bb1d6929e95937287fa37d129b756746"
+    assert secoc._mac32(key, b"") == 0xBB1D6929
+
+
+@requirement("P6", "P10")
+@given(st.binary(min_size=16, max_size=16), U32, U32, U32, st.integers(1, 255), U32, st.binary(min_size=8, max_size=8))
+def test_both_sides_derive_the_same(
+    shared: bytes, bridge: int, challenge: int, boot: int, session: int, freshness: int, act: bytes
+) -> None:
+    mine = Authenticator(shared)
+    key = mine.session_key(bridge, challenge, boot, session)
+    assert key == device.session_key(shared, bridge, challenge, boot, session)
+    assert mine.act_mac(key, session, freshness, act) == device.act_mac(key, session, freshness, act)
+    for code, purpose in ((1, "Arm"), (2, "ClearLatch")):
+        assert mine.arm_mac(key, purpose, session, bridge, challenge) == device.arm_mac(
+            key, code, session, bridge, challenge
+        )
+
+
+@requirement("P12")
+def test_key_files_must_be_private(tmp_path: Path) -> None:
+    path = tmp_path / "arm.key"
+    path.write_text("00112233445566778899aabbccddeeff\n")
+    for mode in (0o640, 0o604, 0o610, 0o644):
+        path.chmod(mode)
+        with pytest.raises(KeyFileError) as raised:
+            load_key(path, physical=False)
+        assert str(raised.value) == f"{path}: key file is open to others; run `chmod 600 {path}`"
+    path.chmod(0o600)
+    assert load_key(path, physical=True) == bytes.fromhex("00112233445566778899aabbccddeeff")
+    path.chmod(0o400)
+    assert load_key(path, physical=False) == bytes.fromhex("00112233445566778899aabbccddeeff")
+
+
+@requirement("P12")
+@pytest.mark.parametrize("content", [b"", b"0011", b"nothing of the kind", b"\xff\xfe\x00", b"00" * 17])
+def test_what_is_no_key_is_one_line(content: bytes, tmp_path: Path) -> None:
+    path = tmp_path / "arm.key"
+    path.write_bytes(content)
+    path.chmod(0o600)
+    with pytest.raises(KeyFileError) as raised:
+        load_key(path, physical=False)
+    assert str(raised.value).startswith(f"{path}: ")
+    assert "\n" not in str(raised.value)
+    with pytest.raises(KeyFileError, match="no such key file"):
+        load_key(tmp_path / "none", physical=False)
+
+
+@requirement("P12")
+def test_h1_the_demo_key_is_refused_on_a_physical_bus(tmp_path: Path) -> None:
+    assert load_key(None, physical=False) == DEMO_KEY == device.DEMO_KEY
+    path = tmp_path / "arm.key"
+    path.write_text(DEMO_KEY.hex())
+    path.chmod(0o600)
+    for source in (None, path):
+        with pytest.raises(KeyFileError, match="refused on a physical bus"):
+            load_key(source, physical=True)
