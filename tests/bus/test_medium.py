@@ -1,0 +1,324 @@
+"""The medium: times, arbitration, queues, faults. Time is an argument, so every figure here is exact."""
+
+from __future__ import annotations
+
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from hilbridge.bus.bits import frame_length
+from hilbridge.bus.error_frames import ControllerState, ErrorKind
+from hilbridge.bus.events import BusError, Delivered, Enqueued, Event, FrameLost, StateChanged
+from hilbridge.bus.frames import WireFrame, arbitration_key
+from hilbridge.bus.medium import Medium
+from hilbridge.bus.nodes import QueueOrder
+from hilbridge.bus.wire_faults import Babble, Corruption, QueueStall, Where, WireCut, WireFaults
+
+BIT_NS = 2_000  # 500 kbit/s
+SECOND_NS = 1_000_000_000
+
+
+def run_out(medium: Medium, limit_ns: int = 10 * SECOND_NS) -> list[Event]:
+    return medium.advance(limit_ns)
+
+
+def delivered(events: list[Event]) -> list[Delivered]:
+    return [event for event in events if isinstance(event, Delivered)]
+
+
+def bits(frame: WireFrame) -> int:
+    return frame_length(frame).nominal_bits
+
+
+def test_a_frame_arrives_after_exactly_its_bits() -> None:
+    medium = Medium()
+    sender, receiver = medium.attach("sender"), medium.attach("receiver")
+    frame = WireFrame(0x060, b"12345678")
+    assert medium.send(sender, frame, 7, 1000) is Enqueued.QUEUED
+    assert medium.advance(1000) == []
+    assert medium.next_event_ns == 1000 + bits(frame) * BIT_NS
+    assert medium.advance(1000 + bits(frame) * BIT_NS - 1) == []
+    assert medium.advance(1000 + bits(frame) * BIT_NS) == [
+        Delivered(1000 + bits(frame) * BIT_NS, frame, sender, 7, (receiver,))
+    ]
+    assert medium.queued(sender) == 0
+    assert medium.next_event_ns is None
+
+
+def test_the_next_frame_waits_for_three_bits_of_intermission() -> None:
+    medium = Medium()
+    sender, _ = medium.attach("sender"), medium.attach("receiver")
+    frame = WireFrame(0x060, b"12345678")
+    for tag in range(2):
+        medium.send(sender, frame, tag, 0)
+    assert [event.at_ns for event in run_out(medium)] == [bits(frame) * BIT_NS, (2 * bits(frame) + 3) * BIT_NS]
+    assert medium.busy_ns == 2 * (bits(frame) + 3) * BIT_NS
+
+
+def test_fd_frames_switch_to_the_data_bit_rate() -> None:
+    medium = Medium(500_000, 2_000_000)
+    sender, _ = medium.attach("sender"), medium.attach("receiver")
+    frame = WireFrame(0x555, b"\x55" * 64, is_fd=True, bit_rate_switch=True)
+    medium.send(sender, frame, 0, 0)
+    assert [event.at_ns for event in run_out(medium)] == [26 * 2000 + 550 * 500]
+
+
+def test_the_lowest_identifier_of_those_waiting_goes_first() -> None:
+    medium = Medium()
+    high, low, late = medium.attach("high"), medium.attach("low"), medium.attach("late")
+    first, second, third = WireFrame(0x7FF), WireFrame(0x001), WireFrame(0x000)
+    medium.send(high, first, 1, 0)
+    medium.send(low, second, 2, 0)
+    medium.send(late, third, 3, 1)  # one nanosecond after the start of frame: too late for this one
+    assert [event.frame.can_id for event in delivered(run_out(medium))] == [0x001, 0x000, 0x7FF]
+    assert medium.node(high).arbitration_losses == 2
+
+
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 3), st.integers(0, 0x7FF), st.integers(0, 8), st.integers(0, 2_000_000)),
+        min_size=1,
+        max_size=40,
+        unique_by=lambda entry: entry[1],
+    )
+)
+@settings(deadline=None, max_examples=60)
+def test_order_is_that_of_a_naive_reference(entries: list[tuple[int, int, int, int]]) -> None:
+    """Whatever is sent when: the same order and times as a bus written down in ten lines."""
+    medium = Medium()
+    nodes = [medium.attach(f"n{index}", queue_limit=100, order=QueueOrder.PRIORITY) for index in range(4)]
+    entries = sorted(entries, key=lambda entry: entry[3])
+    events: list[Event] = []
+    for tag, (node, can_id, length, at_ns) in enumerate(entries):
+        if at_ns:  # not `at_ns` itself: looking there would start a frame between two that are sent at one time
+            events += medium.advance(at_ns - 1)
+        medium.send(nodes[node], WireFrame(can_id, bytes(length)), tag, at_ns)
+    events += run_out(medium)
+    pending = [(at_ns, WireFrame(can_id, bytes(length))) for _, can_id, length, at_ns in entries]
+    free_ns, expected = 0, []
+    while pending:
+        start_ns = max(free_ns, min(at_ns for at_ns, _ in pending))
+        winner = min((entry for entry in pending if entry[0] <= start_ns), key=lambda entry: entry[1].can_id)
+        pending.remove(winner)
+        end_ns = start_ns + bits(winner[1]) * BIT_NS
+        expected.append((end_ns, winner[1].can_id))
+        free_ns = end_ns + 3 * BIT_NS
+    assert [(event.at_ns, event.frame.can_id) for event in delivered(events)] == expected
+
+
+@given(st.integers(0, 1000))
+@settings(deadline=None, max_examples=30)
+def test_how_often_one_looks_changes_nothing(seed: int) -> None:
+    """Advancing in one leap, from event to event, or at random times tells the same events."""
+
+    def play(mode: int) -> list[Event]:
+        dice = random.Random(seed)
+        steps = random.Random(seed + 1)
+        faults = WireFaults(seed, 0.001, 0.5, stalls=(QueueStall("n1", 300_000, 900_000),))
+        medium = Medium(faults=faults)
+        nodes = [medium.attach(f"n{index}", queue_limit=50) for index in range(3)]
+        sends = sorted((dice.randrange(1, 3_000_000), dice.randrange(3), dice.randrange(0x7FF)) for _ in range(30))
+        events: list[Event] = []
+        now_ns = 0
+        for tag, (at_ns, node, can_id) in enumerate(sends):
+            while mode == 1 and now_ns < at_ns - 1:
+                now_ns = min(at_ns - 1, now_ns + steps.randrange(1, 100_000))
+                events += medium.advance(now_ns)
+            while mode == 2 and (medium.next_event_ns or at_ns) < at_ns:
+                events += medium.advance(medium.next_event_ns or at_ns)
+            now_ns = at_ns
+            events += medium.advance(at_ns - 1)
+            medium.send(nodes[node], WireFrame(can_id, bytes(8)), tag, at_ns)
+        if mode == 3:
+            limit_ns = 10 * SECOND_NS
+            while now_ns < limit_ns:
+                now_ns, more = medium.advance_to_event(limit_ns)
+                events += more
+            return events
+        return events + run_out(medium)
+
+    assert play(0) == play(1) == play(2) == play(3)
+
+
+@pytest.mark.parametrize(
+    ("order", "expected"),
+    [(QueueOrder.FIFO, [0x100, 0x700, 0x010]), (QueueOrder.PRIORITY, [0x010, 0x100, 0x700])],
+)
+def test_a_first_in_first_out_queue_blocks_behind_its_head_and_a_priority_queue_does_not(
+    order: QueueOrder, expected: list[int]
+) -> None:
+    medium = Medium()
+    node, other = medium.attach("node", order=order), medium.attach("other")
+    medium.send(node, WireFrame(0x700), 1, 0)
+    medium.send(node, WireFrame(0x010), 2, 0)
+    medium.send(other, WireFrame(0x100), 3, 0)
+    assert [event.frame.can_id for event in delivered(run_out(medium))] == expected
+
+
+def test_a_full_queue_refuses_like_a_real_interface() -> None:
+    medium = Medium()
+    sender, _ = medium.attach("sender"), medium.attach("receiver")
+    results = [medium.send(sender, WireFrame(value), value, 0) for value in range(12)]
+    assert results == [Enqueued.QUEUED] * 10 + [Enqueued.FULL] * 2
+    medium.advance(bits(WireFrame(0)) * BIT_NS)
+    assert medium.send(sender, WireFrame(1), 1, bits(WireFrame(0)) * BIT_NS) is Enqueued.QUEUED
+
+
+def test_listen_only_nodes_hear_but_neither_send_nor_acknowledge() -> None:
+    medium = Medium()
+    sender, listener = medium.attach("sender"), medium.attach("listener", listen_only=True)
+    assert medium.send(listener, WireFrame(1), 0, 0) is Enqueued.LISTEN_ONLY
+    medium.send(sender, WireFrame(1), 0, 0)
+    first = medium.advance(200_000)[0]
+    assert isinstance(first, BusError)
+    assert first.errors == {sender: ErrorKind.ACK, listener: ErrorKind.FORM}
+    helper = medium.attach("helper")
+    assert [event.receivers for event in delivered(medium.advance(400_000))] == [(listener, helper)]
+
+
+def test_a_frame_that_cannot_be_is_refused() -> None:
+    medium = Medium()
+    assert medium.send(medium.attach("n"), WireFrame(0x800), 0, 0) is Enqueued.BAD_FRAME
+
+
+def test_a_babbling_node_starves_everybody_less_urgent_and_nobody_more_urgent() -> None:
+    babble = Babble("mad", 0x010, b"\x55" * 8, 0, 10_000_000)
+    medium = Medium(faults=WireFaults(babbles=(babble,)))
+    medium.attach("mad")
+    low, high = medium.attach("low"), medium.attach("high")
+    medium.send(low, WireFrame(0x060), 1, 0)
+    medium.send(high, WireFrame(0x001), 2, 5_000_000)
+    events = delivered(run_out(medium))
+    frame_ns = (bits(WireFrame(0x010, b"\x55" * 8)) + 3) * BIT_NS
+    urgent = next(event for event in events if event.frame.can_id == 0x001)
+    starved = next(event for event in events if event.frame.can_id == 0x060)
+    assert urgent.at_ns <= 5_000_000 + frame_ns + bits(WireFrame(1)) * BIT_NS
+    assert starved.at_ns >= 10_000_000
+    assert medium.fault_state.effects["babble"] == 10_000_000 // frame_ns + 1
+
+
+def test_a_stalled_queue_sends_late_and_in_order() -> None:
+    medium = Medium(faults=WireFaults(stalls=(QueueStall("slow", 0, 3_000_000),)))
+    slow, other = medium.attach("slow"), medium.attach("other")
+    for tag in range(3):
+        medium.send(slow, WireFrame(0x100 + tag), tag, tag * 1000)
+    medium.send(other, WireFrame(0x7FF), 9, 0)
+    events = delivered(run_out(medium))
+    assert [event.tag for event in events] == [9, 0, 1, 2]
+    assert events[1].at_ns == 3_000_000 + bits(WireFrame(0x100)) * BIT_NS
+    assert medium.fault_state.effects["stall"] > 0
+
+
+def test_a_cut_node_hears_nothing_and_is_not_acknowledged_until_the_wire_is_whole_again() -> None:
+    medium = Medium(faults=WireFaults(cuts=(WireCut(frozenset({"lost"}), 1_000_000, 5_000_000),)))
+    lost, one, other = medium.attach("lost"), medium.attach("one"), medium.attach("other")
+    medium.send(one, WireFrame(0x100), 0, 0)
+    medium.send(one, WireFrame(0x101), 1, 2_000_000)
+    medium.send(lost, WireFrame(0x200), 2, 2_000_000)
+    medium.send(one, WireFrame(0x102), 3, 6_000_000)
+    events = run_out(medium)
+    heard = {event.frame.can_id: event.receivers for event in delivered(events)}
+    assert heard[0x100] == (lost, other)
+    assert heard[0x101] == (other,)
+    assert heard[0x102] == (lost, other)
+    assert set(heard[0x200]) == {one, other}
+    sent = next(event for event in delivered(events) if event.frame.can_id == 0x200)
+    assert sent.at_ns > 5_000_000
+    lonely = [event for event in events if isinstance(event, BusError)]
+    assert {kind for event in lonely for kind in event.errors.values()} == {ErrorKind.ACK}
+    assert medium.node(lost).state is ControllerState.WARNING  # passive by 16 missing ACKs, one success ended that
+    assert medium.fault_state.effects["cut"] == 1
+
+
+def test_a_node_that_never_acknowledges_leaves_a_lone_sender_error_passive_but_never_bus_off() -> None:
+    medium = Medium(faults=WireFaults(no_ack=frozenset({"mute"})))
+    sender, mute = medium.attach("sender"), medium.attach("mute")
+    medium.send(sender, WireFrame(0x100), 0, 0)
+    events = medium.advance(SECOND_NS)
+    assert medium.node(sender).confinement.tec == 128
+    assert medium.node(sender).state is ControllerState.PASSIVE
+    assert not any(isinstance(event, FrameLost) for event in events)
+    assert mute in delivered(events)[0].receivers  # a passive sender's error flag does not spoil what others hear
+    assert not delivered(events)[0].sent
+
+
+@pytest.mark.parametrize("bit", list(Where))
+def test_a_corruption_costs_one_attempt_and_the_frame_comes_again(bit: Where) -> None:
+    medium = Medium(faults=WireFaults(corruptions=(Corruption(0x100, bit),)))
+    sender, receiver = medium.attach("sender"), medium.attach("receiver")
+    medium.send(sender, WireFrame(0x100, b"\x12\x34"), 5, 0)
+    events = run_out(medium)
+    good = [event for event in delivered(events) if event.sent]
+    assert [event.tag for event in good] == [5]
+    assert medium.fault_state.effects["corruption"] == 1
+    assert medium.node(sender).failures == 1
+    twice = [event for event in delivered(events) if not event.sent]
+    # At the last bit of end of frame receivers have accepted already: the well-known double reception.
+    assert len(twice) == (1 if bit is Where.LAST_EOF else 0)
+    assert good[0].receivers == (receiver,)
+
+
+def test_an_error_seen_by_one_receiver_spoils_the_frame_for_all() -> None:
+    medium = Medium(faults=WireFaults(corruptions=(Corruption(0x100, Where.CRC, receiver="noisy"),)))
+    sender, noisy, quiet = medium.attach("sender"), medium.attach("noisy"), medium.attach("quiet")
+    medium.send(sender, WireFrame(0x100, b"\x12\x34"), 5, 0)
+    events = run_out(medium)
+    failed = next(event for event in events if isinstance(event, BusError))
+    assert set(failed.errors) == {sender, noisy, quiet}
+    assert [event.receivers for event in delivered(events)] == [(noisy, quiet)]
+    # Rules a and b: 1 + 8 for the one whose flag came first, 1 for the other; then one good frame each.
+    assert (medium.node(noisy).confinement.rec, medium.node(quiet).confinement.rec) == (8, 0)
+    assert medium.node(sender).confinement.tec == 7
+
+
+def test_two_nodes_with_one_identifier_and_different_data_disturb_each_other() -> None:
+    medium = Medium()
+    one, other, _ = medium.attach("one"), medium.attach("other"), medium.attach("listener")
+    medium.send(one, WireFrame(0x100, b"\x00" * 8), 1, 0)
+    medium.send(other, WireFrame(0x100, b"\xff" * 8), 2, 0)
+    events = run_out(medium)
+    collisions = [event for event in events if isinstance(event, BusError)]
+    assert len(collisions) >= 16
+    assert collisions[0].errors[other] is ErrorKind.BIT
+    # Once passive, the one that sends recessive bits can no longer disturb: the dominant frame passes, then the other.
+    assert [event.tag for event in delivered(events) if event.sent] == [1, 2]
+
+
+def test_two_nodes_with_one_identical_frame_do_not_notice() -> None:
+    medium = Medium()
+    one, other, listener = medium.attach("one"), medium.attach("other"), medium.attach("listener")
+    medium.send(one, WireFrame(0x001), 1, 0)
+    medium.send(other, WireFrame(0x001), 2, 0)
+    events = run_out(medium)
+    assert [(event.tag, event.receivers) for event in delivered(events)] == [(1, (listener,)), (2, ())]
+    assert not any(isinstance(event, BusError | StateChanged) for event in events)
+
+
+def test_a_bit_error_rate_hits_as_often_as_it_says() -> None:
+    medium = Medium(faults=WireFaults(seed=5, bit_error_rate=1e-3))
+    sender, _ = medium.attach("sender", queue_limit=10_000), medium.attach("receiver")
+    frame = WireFrame(0x100, b"\x5a" * 8)
+    total = 3000
+    for tag in range(total):
+        medium.send(sender, frame, tag, 0)
+        medium.advance(tag)
+    events = run_out(medium, 10 * SECOND_NS)
+    assert len([event for event in delivered(events) if event.sent]) == total
+    attempts = total + medium.node(sender).failures
+    expected = attempts * (1 - (1 - 1e-3) ** bits(frame))
+    assert 0.85 * expected < medium.node(sender).failures < 1.15 * expected
+
+
+def test_wrong_rates_are_refused() -> None:
+    with pytest.raises(ValueError, match="bit_error_rate"):
+        WireFaults(bit_error_rate=2.0)
+    with pytest.raises(ValueError, match="bit rate"):
+        Medium(bitrate=0)
+
+
+def test_base_frames_win_over_extended_ones_with_the_same_leading_bits() -> None:
+    base, extended = WireFrame(0x123), WireFrame(0x123 << 18, is_extended=True)
+    remote = WireFrame(0x123, is_remote=True)
+    assert arbitration_key(base) < arbitration_key(remote) < arbitration_key(extended)

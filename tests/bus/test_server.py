@@ -1,0 +1,190 @@
+"""The owner of a simulated bus, in a thread: strangers at the door, readers who do not read, leaving when nobody stays."""
+
+from __future__ import annotations
+
+import socket
+import threading
+import uuid
+from collections.abc import Iterator
+
+import pytest
+
+from hilbridge.bus.client import BusClient
+from hilbridge.bus.events import Enqueued
+from hilbridge.bus.frames import WireFrame
+from hilbridge.bus.link import (
+    HOST,
+    LINK_VERSION,
+    RECORD_BYTES,
+    BusNameTaken,
+    Flag,
+    Kind,
+    Record,
+    claim,
+    open_stream,
+    ports_of,
+    read_within,
+    unpack,
+)
+from hilbridge.bus.medium import Medium
+from hilbridge.bus.server import BusServer, serve
+
+WAIT_S = 20.0
+
+
+class Served:
+    def __init__(self, *, bitrate: int = 500_000, linger_s: float | None = None) -> None:
+        self.name = f"test-{uuid.uuid4()}"
+        listener = claim(self.name)
+        self.address: tuple[str, int] = listener.getsockname()
+        self.server = BusServer(self.name, listener, Medium(bitrate, bitrate), linger_s=linger_s)
+        self.thread = threading.Thread(target=self.server.run)
+        self.thread.start()
+
+
+@pytest.fixture
+def served() -> Iterator[Served]:
+    running = Served()
+    yield running
+    running.server.stop()
+    running.thread.join(WAIT_S)
+    assert not running.thread.is_alive()
+
+
+def client_of(served: Served, **options: bool | str) -> BusClient:
+    return BusClient(served.name, start=False, **options)  # type: ignore[arg-type]
+
+
+def receive(client: BusClient) -> WireFrame:
+    assert client.wait_readable(WAIT_S)
+    arrival = client.receive()
+    assert arrival is not None
+    return arrival.frame
+
+
+def hello(name: str, **fields: int) -> bytes:
+    return Record(Kind.HELLO, **{"extra": LINK_VERSION, **fields}, data=name.encode()).pack()
+
+
+def test_strangers_are_turned_away_and_disturb_nobody(served: Served) -> None:
+    one, other = client_of(served), client_of(served)
+    for knock in (
+        b"GET / HTTP/1.1\r\nHost: localhost\r\n\r\n" * 4,
+        bytes(RECORD_BYTES),
+        hello("another bus"),
+        hello(served.name, extra=99),
+        hello(served.name, flags=Flag.TRANSMIT_SIDE, sequence=1, stamp_ns=12345),  # another one's node, wrong cookie
+        hello(served.name, flags=Flag.TRANSMIT_SIDE, sequence=77),
+    ):
+        with open_stream(served.address, WAIT_S) as stranger:
+            stranger.sendall(knock[:RECORD_BYTES])
+            answer = read_within(stranger, WAIT_S)
+            assert (answer.kind, answer.data.decode()) == (Kind.REFUSED, served.name)
+            assert stranger.recv(1) == b""
+    with open_stream(served.address, WAIT_S) as hesitant:
+        hesitant.sendall(b"half a record")
+    assert one.send(WireFrame(0x123, b"ok")) is Enqueued.QUEUED
+    assert receive(other).data == b"ok"
+    one.close()
+    other.close()
+
+
+def test_records_that_mean_nothing_are_passed_over(served: Served) -> None:
+    one, other = client_of(served), client_of(served)
+    for record in (
+        Record(200, 255, 255, 0xFFFF_FFFF, -1, 5, 6, b"x" * 64),
+        Record(Kind.WELCOME),
+        Record(Kind.FRAME, 0, 0, 0xFFFF_FFFF, 0, 1),  # no such identifier
+        Record(Kind.FRAME, Flag.REMOTE, 200, 0x100, 0, 2),  # no such length
+        Record(Kind.CONTROL, data=b"\xff\xfe"),
+    ):
+        one._send_whole(record.pack())
+    assert one.send(WireFrame(0x123)) is Enqueued.QUEUED
+    assert receive(other) == WireFrame(0x123)
+    one.close()
+    other.close()
+
+
+def test_a_reader_that_does_not_read_loses_frames_and_is_told_how_many() -> None:
+    served = Served(bitrate=1_000_000_000)
+    sender, idle = client_of(served), socket.socket(socket.AF_INET, socket.SOCK_STREAM)
+    idle.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+    idle.connect(served.address)
+    idle.sendall(hello(served.name))
+    assert read_within(idle, WAIT_S).kind == Kind.WELCOME
+    total = 6000
+    for number in range(total):
+        assert sender.send(WireFrame(0x100, number.to_bytes(4, "little")), WAIT_S) is Enqueued.QUEUED
+    assert sender.control({"op": "status"})["nodes"][0]["sent"] == total
+    numbers, dropped = [], 0
+    idle.settimeout(0.2)
+    raw = b""
+    try:
+        while True:
+            raw += idle.recv(65536)
+            while len(raw) >= RECORD_BYTES:
+                record, raw = unpack(raw[:RECORD_BYTES]), raw[RECORD_BYTES:]
+                numbers.append(int.from_bytes(record.data, "little"))
+    except TimeoutError:
+        pass
+    assert numbers == sorted(set(numbers))
+    assert len(numbers) < total
+    sender.send(WireFrame(0x101))
+    dropped = read_within(idle, WAIT_S).dropped
+    assert len(numbers) + dropped == total
+    idle.close()
+    sender.close()
+    served.server.stop()
+    served.thread.join(WAIT_S)
+
+
+def test_listen_only_and_bad_frames_are_refused_before_they_travel(served: Served) -> None:
+    mute, other = client_of(served, listen_only=True), client_of(served)
+    assert mute.send(WireFrame(0x100)) is Enqueued.LISTEN_ONLY
+    assert other.send(WireFrame(0x800)) is Enqueued.BAD_FRAME
+    assert other.in_flight == 0
+    mute.close()
+    other.close()
+
+
+def test_the_bus_ends_by_itself_when_nobody_has_stayed() -> None:
+    served = Served(linger_s=0.0)
+    first = client_of(served)
+    second = client_of(served)
+    first.close()
+    assert second.control({"op": "status"})["bitrate"] == 500_000
+    second.close()
+    served.thread.join(WAIT_S)
+    assert not served.thread.is_alive()
+
+
+def test_clients_notice_the_end_of_the_bus(served: Served) -> None:
+    client = client_of(served)
+    served.server.stop()
+    served.thread.join(WAIT_S)
+    assert client.wait_readable(WAIT_S)
+    with pytest.raises(OSError, match="gone"):
+        client.receive()
+    client.close()
+
+
+def test_serve_says_when_it_is_ready_and_refuses_a_second_of_its_name() -> None:
+    name = f"test-{uuid.uuid4()}"
+    ready = threading.Event()
+    thread = threading.Thread(target=serve, args=(name,), kwargs={"linger_s": 0.0, "ready": ready.set})
+    thread.start()
+    assert ready.wait(WAIT_S)
+    with pytest.raises(BusNameTaken, match=name):
+        serve(name)
+    BusClient(name, start=False).close()
+    thread.join(WAIT_S)
+    assert not thread.is_alive()
+
+
+def test_another_program_on_the_first_port_is_stepped_over() -> None:
+    name = f"test-{uuid.uuid4()}"
+    with socket.socket(socket.AF_INET, socket.SOCK_STREAM) as squatter:
+        squatter.bind((HOST, ports_of(name)[0]))
+        squatter.listen()
+        with claim(name) as listener:
+            assert listener.getsockname()[1] == ports_of(name)[1]
