@@ -1,0 +1,191 @@
+"""The Act/Hold gate: the one place that turns belief into a wish to assist (paper, "Safety-Oriented Gate" and E5).
+
+HOLD is the default; ACT needs every condition below, in this order, and each HOLD names the first that fails:
+
+1. no veto from outside (stopped, device fault, not armed, overrun, a sensor that went missing, ...);
+2. a fresh estimate (age of its oldest input within `max_age_ns`);
+3. the most likely verb of the smoothed belief is one the device assists at all;
+4. that verb is among the `top_k` of the newest window (E5, filter ii);
+5. its smoothed, calibrated confidence reaches `tau_on` - or, once acting, stays at `tau_off` or above;
+6. the refractory time since the last switch is over.
+
+Hysteresis and refractory delay switches that confidence drives, in both directions. Everything in 1 and 2 acts at once.
+A change of verb is a switch to HOLD first; the new verb has to earn its own ACT after the refractory.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+from hilbridge.records import Action, GateDecision, HoldReason, IntentEstimate
+from hilbridge.verbs import NEVER_ASSISTED
+
+MS = 1_000_000
+
+# After these the belief starts from nothing: what was smoothed before a gap says nothing about the time after it.
+_FORGETS = frozenset(
+    {
+        HoldReason.NO_ESTIMATE,
+        HoldReason.SENSOR_MISSING,
+        HoldReason.STALE,
+        HoldReason.WARMING_UP,
+        HoldReason.OVERRUN,
+    }
+)
+
+
+@dataclass(frozen=True, slots=True)
+class GateConfig:
+    """Thresholds and times of the gate.
+
+    tau_on, tau_off: calibrated confidence 0..1, tau_on > tau_off (hysteresis band).
+    alpha: weight of the newest window in the moving average of class probabilities, 0 < alpha <= 1.
+    top_k: the acting verb must be among so many of the newest window.
+    refractory_ns: after any switch, confidence cannot switch again for so long.
+    max_age_ns: oldest input an ACT may stand on (PROTOCOL: 150 ms).
+
+    Raises ValueError naming the field, its value and what is allowed.
+    """
+
+    tau_on: float
+    tau_off: float
+    alpha: float = 0.2
+    top_k: int = 3
+    refractory_ns: int = 240 * MS
+    max_age_ns: int = 150 * MS
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.tau_on <= 1.0:
+            raise ValueError(f"tau_on = {self.tau_on}: must be above 0 and at most 1")
+        if not 0.0 <= self.tau_off < self.tau_on:
+            raise ValueError(f"tau_off = {self.tau_off}: must be at least 0 and below tau_on = {self.tau_on}")
+        if not 0.0 < self.alpha <= 1.0:
+            raise ValueError(f"alpha = {self.alpha}: must be above 0 and at most 1")
+        if self.top_k < 1:
+            raise ValueError(f"top_k = {self.top_k}: must be at least 1")
+        if self.refractory_ns < 0:
+            raise ValueError(f"refractory_ns = {self.refractory_ns}: must not be negative")
+        if not 0 < self.max_age_ns <= 150 * MS:
+            raise ValueError(f"max_age_ns = {self.max_age_ns}: must be above 0 and at most 150 ms (safety contract)")
+
+
+@dataclass(frozen=True, slots=True)
+class GateState:
+    """What the gate remembers between ticks. The default is how it starts: holding, believing nothing."""
+
+    action: Action = Action.HOLD
+    verb_index: int | None = None
+    smoothed: tuple[float, ...] = ()
+    switched_ns: int | None = None
+    last_produced_ns: int | None = None
+
+
+def step(
+    config: GateConfig,
+    state: GateState,
+    estimate: IntentEstimate | None,
+    now_ns: int,
+    veto: HoldReason | None = None,
+) -> tuple[GateState, GateDecision]:
+    """One 25 Hz tick. `veto` is the first outside reason to hold, or None when everything outside affirms.
+
+    The same estimate seen twice is smoothed once, so a stalled predictor cannot talk itself into confidence.
+    """
+    problem = veto or _estimate_problem(config, estimate, now_ns)
+    if problem in _FORGETS or estimate is None or _unusable(estimate):
+        believed = replace(state, smoothed=(), last_produced_ns=None)
+    elif estimate.produced_ns == state.last_produced_ns:
+        believed = state
+    else:
+        smoothed = _smooth(config.alpha, state.smoothed, believable(estimate))
+        believed = replace(state, smoothed=smoothed, last_produced_ns=estimate.produced_ns)
+
+    if problem is not None or estimate is None:
+        return _hold(believed, now_ns, 0.0, problem or HoldReason.NO_ESTIMATE)
+    return _decide(config, believed, estimate, now_ns)
+
+
+def _decide(
+    config: GateConfig, state: GateState, estimate: IntentEstimate, now_ns: int
+) -> tuple[GateState, GateDecision]:
+    candidate = max(range(len(state.smoothed)), key=state.smoothed.__getitem__)
+    confidence = state.smoothed[candidate]
+    objection = _objection(config, state, estimate, candidate, confidence)
+    acting = state.action is Action.ACT
+    wants_switch = (objection is not None) if acting else (objection is None)
+    resting = state.switched_ns is not None and now_ns - state.switched_ns < config.refractory_ns
+
+    if acting and (not wants_switch or resting):
+        verb_index = state.verb_index
+        assert verb_index is not None
+        return state, GateDecision(Action.ACT, verb_index, state.smoothed[verb_index], HoldReason.NONE)
+    if not acting and wants_switch and not resting:
+        acted = replace(state, action=Action.ACT, verb_index=candidate, switched_ns=now_ns)
+        return acted, GateDecision(Action.ACT, candidate, confidence, HoldReason.NONE)
+    return _hold(state, now_ns, confidence, objection or HoldReason.REFRACTORY)
+
+
+def _objection(
+    config: GateConfig, state: GateState, estimate: IntentEstimate, candidate: int, confidence: float
+) -> HoldReason | None:
+    """The first confidence-driven reason not to act on `candidate`, or None."""
+    if candidate in NEVER_ASSISTED:
+        return HoldReason.VERB_NOT_ASSISTED
+    if state.action is Action.ACT and candidate != state.verb_index:
+        return HoldReason.VERB_CHANGE
+    if _rank(estimate.probabilities, candidate) >= config.top_k:
+        return HoldReason.NOT_TOP_K
+    threshold = config.tau_off if state.action is Action.ACT else config.tau_on
+    if not confidence >= threshold:
+        return HoldReason.CONFIDENCE
+    return None
+
+
+def _hold(state: GateState, now_ns: int, confidence: float, reason: HoldReason) -> tuple[GateState, GateDecision]:
+    if state.action is Action.ACT:
+        state = replace(state, action=Action.HOLD, verb_index=None, switched_ns=now_ns)
+    return state, GateDecision(Action.HOLD, None, confidence, reason)
+
+
+def _estimate_problem(config: GateConfig, estimate: IntentEstimate | None, now_ns: int) -> HoldReason | None:
+    if estimate is None or _unusable(estimate):
+        return HoldReason.NO_ESTIMATE
+    # A stamp from the future is a clock that cannot be trusted: as stale as one from the distant past.
+    if not 0 <= now_ns - estimate.oldest_input_ns <= config.max_age_ns:
+        return HoldReason.STALE
+    return None
+
+
+def _unusable(estimate: IntentEstimate) -> bool:
+    """True unless every number is a probability (NaN fails every comparison, so it is unusable too)."""
+    numbers = (*estimate.probabilities, estimate.confidence)
+    return not (
+        0 <= estimate.verb_index < len(estimate.probabilities) and all(0.0 <= number <= 1.0 for number in numbers)
+    )
+
+
+def believable(estimate: IntentEstimate) -> tuple[float, ...]:
+    """Class probabilities with the top class at its calibrated confidence and no other class above it.
+
+    Platt and isotonic calibrate the top class alone. What they take from it must not turn into belief in another verb,
+    so the rest is scaled to the remainder and capped; the sum may then stay below 1, which only holds more.
+    """
+    top = estimate.verb_index
+    raw_rest = 1.0 - estimate.probabilities[top]
+    scale = (1.0 - estimate.confidence) / raw_rest if raw_rest > 1e-12 else 0.0
+    capped = [min(estimate.confidence, probability * scale) for probability in estimate.probabilities]
+    capped[top] = estimate.confidence
+    return tuple(capped)
+
+
+def _smooth(alpha: float, previous: tuple[float, ...], newest: tuple[float, ...]) -> tuple[float, ...]:
+    """Exponential moving average that starts from zero, so that belief has to build up before the first ACT."""
+    if len(previous) != len(newest):
+        previous = (0.0,) * len(newest)
+    return tuple(alpha * new + (1.0 - alpha) * old for old, new in zip(previous, newest, strict=True))
+
+
+def _rank(probabilities: tuple[float, ...], index: int) -> int:
+    """How many classes are strictly more likely than `index` in the newest window."""
+    own = probabilities[index]
+    return sum(probability > own for probability in probabilities)

@@ -1,0 +1,140 @@
+"""The bridge's side of arming: request, challenge, response, and the freshness that every ACT uses up.
+
+A session is lost on any doubt and armed anew from nothing; nothing of an old one can be used in the next. Pure: nonces
+and cryptography are handed in, time is an argument (monotonic ns).
+"""
+
+from __future__ import annotations
+
+from enum import StrEnum
+from typing import Protocol
+
+MS = 1_000_000
+CHALLENGE_WAIT_NS = 300 * MS
+# The device publishes its MAC failures once a second: before trying again, find out whether the key was at fault. A
+# third failure would latch it.
+CONFIRM_WAIT_NS = 1_200 * MS
+FRESHNESS_LIMIT = 0xFFFFFFFF
+
+
+class Phase(StrEnum):
+    """How far arming has come."""
+
+    IDLE = "idle"
+    REQUESTED = "requested"
+    RESPONDED = "responded"
+    ARMED = "armed"
+
+
+class Purpose(StrEnum):
+    """What a handshake is for; the values are names of the DBC's value table."""
+
+    ARM = "Arm"
+    CLEAR_LATCH = "ClearLatch"
+
+
+class Crypto(Protocol):
+    """What hilbridge.wire.secoc.Authenticator provides; 32-bit nonces and MACs, keys as bytes."""
+
+    def session_key(self, bridge_nonce: int, device_nonce: int, boot_nonce: int, session: int) -> bytes:
+        """Key of one session."""
+
+    def act_mac(self, key: bytes, session: int, freshness: int, act_cmd: bytes) -> int:
+        """MAC of an ACT_CMD as sent."""
+
+    def arm_mac(self, key: bytes, purpose: str, session: int, bridge_nonce: int, device_nonce: int) -> int:
+        """MAC of an ARM_RESPONSE."""
+
+
+class Session:
+    """State of the handshake. `number` is 0 unless armed; `dropped` counts armed sessions lost, `why` the last."""
+
+    def __init__(self, crypto: Crypto) -> None:
+        """`crypto` knows the shared key."""
+        self._crypto = crypto
+        self.phase = Phase.IDLE
+        self.number = 0
+        self.dropped = 0
+        self.why = ""
+        self.refused = False
+        self._key = b""
+        self._freshness = 0
+        self._boot_nonce: int | None = None
+        self._bridge_nonce = 0
+        self._offered = 0
+        self._purpose = Purpose.ARM
+        self._retry_ns: int | None = None
+
+    @property
+    def armed(self) -> bool:
+        """Whether ACT may be authorised."""
+        return self.phase is Phase.ARMED
+
+    def may_request(self, now_ns: int) -> bool:
+        """Whether it is time to ask (again): the device is known, not armed, and the last try has run out."""
+        if self._boot_nonce is None or self.refused or self.armed:
+            return False
+        return self._retry_ns is None or now_ns >= self._retry_ns
+
+    def request(self, purpose: Purpose, nonce: int, now_ns: int) -> dict[str, int | str]:
+        """Signals of the ARM_REQUEST that starts a handshake."""
+        self.phase = Phase.REQUESTED
+        self._purpose = purpose
+        self._bridge_nonce = nonce
+        self._retry_ns = now_ns + CHALLENGE_WAIT_NS
+        return {"BridgeNonce": nonce, "Purpose": purpose.value}
+
+    def on_heartbeat(self, boot_nonce: int) -> None:
+        """CTRL_HB: a device with another boot nonce has started anew and knows nothing of the session."""
+        if boot_nonce != self._boot_nonce:
+            self.drop("device restarted")
+            self.refused = False
+        self._boot_nonce = boot_nonce
+
+    def on_challenge(self, device_nonce: int, number: int, now_ns: int) -> dict[str, int | str] | None:
+        """Signals of the ARM_RESPONSE to an ARM_CHALLENGE; None when none was asked for."""
+        if self.phase is not Phase.REQUESTED or self._boot_nonce is None:
+            return None
+        self._key = self._crypto.session_key(self._bridge_nonce, device_nonce, self._boot_nonce, number)
+        mac = self._crypto.arm_mac(self._key, self._purpose.value, number, self._bridge_nonce, device_nonce)
+        self._offered = number
+        self._retry_ns = now_ns + CONFIRM_WAIT_NS
+        # A cleared latch leaves no session behind: the device says so by leaving LATCHED.
+        self.phase = Phase.RESPONDED if self._purpose is Purpose.ARM else Phase.IDLE
+        return {"Mac": mac, "Session": number}
+
+    def on_status(self, device_armed: bool, number: int) -> None:
+        """CTRL_STATUS: confirms what was offered, or shows that the device has let go of the session."""
+        if self.phase is Phase.RESPONDED and device_armed and number == self._offered:
+            self.phase = Phase.ARMED
+            self.number = number
+            self._freshness = 0
+        elif self.armed and not (device_armed and number == self.number):
+            self.drop("device disarmed")
+
+    def on_mac_failures(self, failures: int) -> None:
+        """CTRL_DIAG: the device counts MAC failures while a response of ours goes unconfirmed: the keys differ."""
+        if self.phase is Phase.RESPONDED and failures > 0:
+            self.refused = True
+            self.phase = Phase.IDLE
+
+    def authorise(self, act_cmd: bytes) -> dict[str, int | str] | None:
+        """Signals of the ACT_AUTH for an ACT_CMD as sent; None (and no session any more) when it cannot be had."""
+        if not self.armed:
+            return None
+        if self._freshness >= FRESHNESS_LIMIT:
+            self.drop("freshness used up")
+            return None
+        self._freshness += 1
+        mac = self._crypto.act_mac(self._key, self.number, self._freshness, act_cmd)
+        return {"Freshness": self._freshness & 0xFF, "Mac": mac}
+
+    def drop(self, why: str) -> None:
+        """Forget the session and any handshake under way; arming starts anew."""
+        if self.armed:
+            self.dropped += 1
+            self.why = why
+        self.phase = Phase.IDLE
+        self.number = 0
+        self._key = b""
+        self._retry_ns = None
