@@ -1,0 +1,162 @@
+"""The device's hold on the bus: any python-can interface, never waiting for it, through link down and up."""
+
+from __future__ import annotations
+
+import socket
+import sys
+import time
+from pathlib import Path
+from typing import NamedTuple
+
+import can
+
+from firmware_sim.memory import Received
+
+_VIRTUAL = ("hilsim", "virtual", "udp_multicast")
+_READS_AT_ONCE = 4096
+_RECEIVE_BUFFER = 4 * 1024 * 1024
+_REOPEN_NS = 100_000_000
+_ERROR_BUS_OFF = 0x040  # linux/can/error.h
+_ERROR_RESTARTED = 0x100
+
+
+class BusUnusable(ValueError):
+    """The bus cannot be opened; the message is one line with the cure."""
+
+
+class Spec(NamedTuple):
+    """python-can interface and channel; `physical` is whether it may reach a wire."""
+
+    interface: str
+    channel: str
+    physical: bool
+
+
+class Arrival(NamedTuple):
+    """A frame and when it arrived, on the monotonic clock."""
+
+    arrived_ns: int
+    frame: Received
+
+
+def _kernel_has(name: str) -> bool:
+    return sys.platform == "linux" and "/" not in name and bool(name) and Path("/sys/class/net", name).exists()
+
+
+def parse_spec(text: str) -> Spec:
+    """`auto`, `vcan0`, `can0`, `hilsim:NAME` or any python-can `interface:channel`. Raises BusUnusable.
+
+    Virtual is what cannot reach a wire: the simulated bus, in-process buses, and vcan without a device behind it.
+    """
+    if text == "auto":
+        text = "vcan0" if _kernel_has("vcan0") else "hilsim:hilbridge"
+    interface, colon, channel = text.partition(":")
+    if not colon:
+        interface, channel = "socketcan", text
+    if not interface or not channel:
+        raise BusUnusable(f"bus {text!r}: write auto, an interface such as can0, or interface:channel")
+    if interface == "socketcan":
+        virtual = channel.startswith(("vcan", "vxcan")) and not Path("/sys/class/net", channel, "device").exists()
+    else:
+        virtual = interface in _VIRTUAL
+    return Spec(interface, channel, not virtual)
+
+
+class Attachment:
+    """One open bus. Nothing here raises once it is open: a link that is down is silence, counted."""
+
+    def __init__(self, spec: Spec) -> None:
+        """Attach. Raises BusUnusable in one line."""
+        self.spec = spec
+        self.bus_off = False
+        self.dropped = 0
+        self.link_errors = 0
+        self.received = 0
+        self.sent = 0
+        self._last_ns = 0
+        self._retry_ns = 0
+        self._bus: can.BusABC | None = self._open()
+        self._wall_minus_mono_ns = 0
+        self._measured_ns = -(10**12)
+
+    def _open(self) -> can.BusABC:
+        try:
+            bus = can.Bus(interface=self.spec.interface, channel=self.spec.channel)
+        except (can.CanError, OSError, ValueError, NotImplementedError) as error:
+            hint = f"; `ip link set {self.spec.channel} up`" if self.spec.interface == "socketcan" else ""
+            raise BusUnusable(
+                f"bus {self.spec.interface}:{self.spec.channel} cannot be opened: {error}{hint}"
+            ) from None
+        raw = getattr(bus, "socket", None)
+        if isinstance(raw, socket.socket):
+            raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
+        return bus
+
+    def _lost(self, now_ns: int) -> None:
+        """An error from the driver. A SocketCAN socket outlives its link; anything else is opened anew."""
+        self.link_errors += 1
+        if self.spec.interface != "socketcan" and self._bus is not None:
+            self._bus.shutdown()
+            self._bus = None
+        self._retry_ns = now_ns + _REOPEN_NS
+
+    def _ready(self, now_ns: int) -> can.BusABC | None:
+        if self._bus is None and now_ns >= self._retry_ns:
+            try:
+                self._bus = self._open()
+            except BusUnusable:
+                self._retry_ns = now_ns + _REOPEN_NS
+        return self._bus
+
+    def _arrival_ns(self, message: can.Message, now_ns: int) -> int:
+        """Kernel stamps are wall clock: shifted to the monotonic clock, never in the future, never out of order."""
+        if now_ns - self._measured_ns > 1_000_000_000:
+            self._wall_minus_mono_ns = time.time_ns() - time.monotonic_ns()
+            self._measured_ns = now_ns
+        stamp_ns = round(message.timestamp * 1e9) - self._wall_minus_mono_ns if message.timestamp else now_ns
+        self._last_ns = max(self._last_ns, min(stamp_ns, now_ns))
+        return self._last_ns
+
+    def read(self, now_ns: int) -> list[Arrival]:
+        """Everything that waits, in order of arrival. Error frames set `bus_off` and go no further."""
+        bus = self._ready(now_ns)
+        arrivals: list[Arrival] = []
+        if bus is None:
+            return arrivals
+        try:
+            while len(arrivals) < _READS_AT_ONCE and (message := bus.recv(0)) is not None:
+                if message.is_error_frame:
+                    self._error_frame(message.arbitration_id)
+                    continue
+                self.received += 1
+                plain = not (message.is_extended_id or message.is_remote_frame or message.is_fd)
+                frame = Received(message.arbitration_id, bytes(message.data), plain)
+                arrivals.append(Arrival(self._arrival_ns(message, now_ns), frame))
+        except (can.CanError, OSError):
+            self._lost(now_ns)
+        return arrivals
+
+    def _error_frame(self, error_class: int) -> None:
+        if error_class & _ERROR_RESTARTED:
+            self.bus_off = False
+        elif error_class & _ERROR_BUS_OFF:
+            self.bus_off = True
+
+    def send(self, can_id: int, data: bytes, now_ns: int) -> None:
+        """Send without waiting; what does not go at once is dropped and counted, never sent late."""
+        bus = self._ready(now_ns)
+        if bus is None:
+            self.dropped += 1
+            return
+        message = can.Message(arbitration_id=can_id, data=data, is_extended_id=False)
+        try:
+            bus.send(message, timeout=0)
+            self.sent += 1
+        except (can.CanError, OSError):
+            self.dropped += 1
+
+    def close(self) -> None:
+        """Leave the bus."""
+        if self._bus is not None:
+            self._bus.shutdown()
+            self._bus = None

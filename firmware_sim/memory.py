@@ -1,0 +1,151 @@
+"""What the controller remembers, reads and puts out: three plain structures, as a C port would declare them.
+
+`ControllerState` is copied at the start of every step and only its copy is written to, field by field; the values in it
+are themselves immutable. Integers throughout: ms of the device's own clock, mdeg, mdeg/s, uN m.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+from firmware_sim.e2e import Receiver
+from firmware_sim.frames import OWN_IDS, RECEIVED_IDS, VERB_NONE, Reject
+from firmware_sim.states import Reason, State
+from firmware_sim.torque import Torque
+from firmware_sim.watchdogs import Limits
+
+# Indices into ControllerState.counters (CTRL_DIAG); 0..20 are frames.Reject.
+COUNT_TRIPS = 21
+COUNT_MAC_FAILURES = 22
+COUNT_STALL_TICKS = 23
+COUNT_TX_DROPPED = 24
+COUNT_BUS_OFFS = 25
+ECHO_AGE_MAX_MS = 26
+COUNT_LOST = 27
+COUNTERS = 28
+ECHO_SLOTS = 16
+
+
+class Received(NamedTuple):
+    """A frame of this tick. `plain` is False for an error, remote, extended or FD frame."""
+
+    can_id: int
+    data: bytes
+    plain: bool = True
+
+
+class Inputs(NamedTuple):
+    """Everything the controller sees in one tick.
+
+    `random_u32` must be unpredictable: it becomes a nonce. `local_clear` is somebody's own hand on the device.
+    `stall_ticks` and `tx_dropped` are new counts of the node since the last tick, only for DIAG.
+    """
+
+    frames: tuple[Received, ...] = ()
+    angle_mdeg: int = 30_000
+    second_angle_mdeg: int = 30_000
+    velocity_mdeg_s: int = 0
+    user_torque_unm: int = 0
+    measured_unm: int = 0
+    commanded_unm: int = 0
+    random_u32: int = 0
+    bus_off: bool = False
+    self_test_ok: bool = True
+    local_clear: bool = False
+    stall_ticks: int = 0
+    tx_dropped: int = 0
+
+
+class Outputs(NamedTuple):
+    """What one tick puts out: frames to send in order, and the three parts of torque, kept apart."""
+
+    frames: tuple[tuple[int, bytes], ...]
+    assist_unm: int
+    gravity_unm: int
+    follow_unm: int
+
+
+class PendingAct(NamedTuple):
+    """An ACT_CMD that passed every plain check and waits for its ACT_AUTH."""
+
+    arrived_ms: int
+    data: bytes
+    verb: int
+    counter: int
+
+
+class Challenge(NamedTuple):
+    """An ARM_CHALLENGE that waits for its ARM_RESPONSE."""
+
+    sent_ms: int
+    purpose: int
+    session: int
+    bridge_nonce: int
+    device_nonce: int
+
+
+@dataclass
+class ControllerState:
+    """All memory of the controller. The default, with a key and a boot nonce, is power-on."""
+
+    shared_key: bytes
+    boot_nonce: int
+    limits: Limits = field(default_factory=Limits)
+    last_tick_ms: int = 0
+    state: State = State.BOOT
+    reason: Reason = Reason.NONE
+    torque: Torque = field(default_factory=Torque)
+    ramp_fault: bool = False
+    verb: int = VERB_NONE
+    assist_since_ms: int = 0
+    self_test_ms: int = 0
+    # commands
+    receivers: tuple[Receiver, ...] = (Receiver(),) * len(RECEIVED_IDS)
+    pending: PendingAct | None = None
+    command_live: bool = False
+    command_ms: int = 0
+    command_is_hold: bool = False
+    accepted_counter: int = 0
+    neutral: int = 0
+    echoes: tuple[tuple[int, int], ...] = ()  # (counter, sent ms) of the last CTRL_STATUS frames
+    # session
+    armed: bool = False
+    session: int = 0
+    key: bytes = b""
+    freshness: int = 0
+    heartbeat_ms: int = 0
+    challenge: Challenge | None = None
+    last_session: int = 0
+    clear_until_ms: int = 0
+    # faults
+    trips: tuple[int, ...] = ()
+    bus_offs: tuple[int, ...] = ()
+    was_bus_off: bool = False
+    mac_failures: int = 0
+    tracking_ticks: int = 0
+    implausible_ticks: int = 0
+    healthy_ticks: int = 0
+    previous_mdeg: int | None = None
+    # transmission
+    counters: tuple[int, ...] = (0,) * COUNTERS
+    tx_counters: tuple[int, ...] = (0,) * len(OWN_IDS)
+    outbox: tuple[tuple[int, bytes], ...] = ()
+    status_due_ms: int = 0
+    meas_due_ms: int = 10
+    heartbeat_due_ms: int = 5
+    diag_due_ms: int = 15
+    diag_index: int = 0
+    emergencies: int = 0
+
+
+def count(state: ControllerState, index: int, amount: int = 1) -> None:
+    """Add to one DIAG counter; they stop at 32 bits and never wrap."""
+    counters = list(state.counters)
+    counters[index] = min(counters[index] + amount, 0xFFFFFFFF)
+    state.counters = tuple(counters)
+
+
+def reject(state: ControllerState, why: Reject) -> None:
+    """Count a received frame under its reason (ACCEPTED included)."""
+    count(state, int(why))

@@ -1,0 +1,226 @@
+"""`firmware-sim`: the device as a process of its own on any python-can bus. Clock, bus and signals live here only.
+
+The control loop owes one tick per millisecond. After a stall of the computer it catches up tick by tick, every frame
+in the tick in which it arrived, so that a stalled computer is not mistaken for a stalled device; it counts these ticks.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import secrets
+import signal
+import sys
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from types import FrameType
+from typing import IO
+
+from firmware_sim.attachment import Arrival, Attachment, BusUnusable, parse_spec
+from firmware_sim.device import LOG_CYCLE_MS, Device
+from firmware_sim.frames import Reject
+from firmware_sim.keys import KeyUnusable, load_key
+from firmware_sim.memory import COUNT_STALL_TICKS, COUNT_TRIPS, ControllerState
+from firmware_sim.plant.arm import WEARERS
+from firmware_sim.priority import use_realtime_scheduling
+
+_TICK_NS = 1_000_000
+_WAKE_NS = 2 * _TICK_NS  # frames carry their time of arrival, so waking less often changes no tick
+_STALL_TICKS = 7
+_STALE_TICKS = 60  # what a tick further back wanted to send describes nothing any more
+_COMMANDS = "clear | overrun | stuck | gain X | encoder MDEG | push NM | busoff | buson | quit"
+
+
+class Node:
+    """The loop: read, run the ticks that are due, send, log, sleep to the next tick."""
+
+    def __init__(self, device: Device, bus: Attachment, log: IO[str] | None) -> None:
+        """`log` is an open text file for JSON lines, or None."""
+        self.device = device
+        self.bus = bus
+        self.log = log
+        self.stopping = False
+        self.commands: deque[str] = deque()
+        self.most_behind = 0
+        self.forced_bus_off = False
+        self._waiting: deque[Arrival] = deque()
+        self._logged: tuple[object, ...] = ()
+        self._random = b""
+
+    def run(self, seconds: float | None) -> None:
+        """Until `seconds` of the device's time have gone by, or a signal or `quit` arrives."""
+        start_ns = time.monotonic_ns()
+        last_tick = None if seconds is None else round(seconds * 1000)
+        self._write({"start_ns": start_ns})
+        while not self.stopping:
+            now_ns = time.monotonic_ns()
+            self._waiting.extend(self.bus.read(now_ns))
+            self._obey()
+            due = (now_ns - start_ns) // _TICK_NS
+            if last_tick is not None and due >= last_tick:
+                due = last_tick
+                self.stopping = True
+            self._catch_up(int(due), start_ns)
+            rest_ns = start_ns + self.device.ticks * _TICK_NS + _WAKE_NS - time.monotonic_ns()
+            if rest_ns > 0:
+                time.sleep(rest_ns * 1e-9)
+
+    def _catch_up(self, due: int, start_ns: int) -> None:
+        behind = due - self.device.ticks
+        self.most_behind = max(self.most_behind, behind)
+        stalled = behind - 1 if behind >= _STALL_TICKS else 0
+        while self.device.ticks < due:
+            ends_ns = start_ns + (self.device.ticks + 1) * _TICK_NS
+            frames = []
+            while self._waiting and self._waiting[0].arrived_ns <= ends_ns:
+                frames.append(self._waiting.popleft().frame)
+            self.device.bus_off = self.forced_bus_off or self.bus.bus_off
+            outgoing = self.device.tick(tuple(frames), self._nonce(), stalled, self.bus.dropped)
+            stalled = 0
+            if due - self.device.ticks > _STALE_TICKS:
+                self.bus.dropped += len(outgoing)
+            else:
+                for can_id, data in outgoing:
+                    self.bus.send(can_id, data, ends_ns)
+            self._log_tick()
+
+    def _nonce(self) -> int:
+        """32 unpredictable bits; asked of the system in blocks, since every tick takes some and few use them."""
+        if not self._random:
+            self._random = secrets.token_bytes(4096)
+        word, self._random = self._random[:4], self._random[4:]
+        return int.from_bytes(word, "big")
+
+    def _log_tick(self) -> None:
+        if self.log is None:
+            return
+        state = self.device.state
+        mark = (state.state, state.reason, state.armed, state.torque.assist_unm == 0)
+        if mark != self._logged or self.device.ticks % LOG_CYCLE_MS == 0:
+            self._logged = mark
+            self._write(self.device.record())
+
+    def _write(self, record: dict[str, object]) -> None:
+        if self.log is not None:
+            self.log.write(json.dumps(record) + "\n")
+
+    def _obey(self) -> None:
+        """Commands typed on standard input: the local action, and faults of the simulated world."""
+        while self.commands:
+            words = self.commands.popleft().split()
+            try:
+                self._obey_one(words)
+            except (IndexError, ValueError):
+                print(f"firmware-sim: {' '.join(words)!r} not understood; {_COMMANDS}", file=sys.stderr)  # noqa: T201
+
+    def _obey_one(self, words: list[str]) -> None:
+        match words[0]:
+            case "clear":
+                self.device.local_clear = True
+            case "overrun":
+                self.device.skip(10)
+            case "stuck":
+                self.device.break_motor(stuck=True)
+            case "gain":
+                self.device.break_motor(gain=float(words[1]))
+            case "encoder":
+                self.device.encoder_offset_mdeg = int(words[1])
+            case "push":
+                self.device.wearer_extra_nm = float(words[1])
+            case "busoff":
+                self.forced_bus_off = True
+            case "buson":
+                self.forced_bus_off = False
+            case "quit":
+                self.stopping = True
+            case _:
+                raise ValueError(words[0])
+
+    def summary(self) -> dict[str, object]:
+        """What happened, for the last line."""
+        state = self.device.state
+        rejected = {why.name.lower(): state.counters[why] for why in Reject if why and state.counters[why]}
+        return {
+            "seconds": self.device.ticks / 1000,
+            "state": state.state.name,
+            "reason": state.reason.name,
+            "received": self.bus.received,
+            "sent": self.bus.sent,
+            "send_dropped": self.bus.dropped,
+            "link_errors": self.bus.link_errors,
+            "rejected": rejected,
+            "trips": state.counters[COUNT_TRIPS],
+            "stall_ticks": state.counters[COUNT_STALL_TICKS],
+            "most_behind_ms": self.most_behind,
+            "peak_assist_nm": round(self.device.peak_assist_unm * 1e-6, 3),
+        }
+
+
+def _listen(node: Node) -> None:
+    for line in sys.stdin:
+        if line.strip():
+            node.commands.append(line)
+
+
+def _parser() -> argparse.ArgumentParser:
+    parser = argparse.ArgumentParser(
+        prog="firmware-sim",
+        description="Simulated assistive controller with an arm and an actuator on a CAN bus.",
+        epilog=f"Commands on standard input: {_COMMANDS}. SIGUSR1 is the local action too.",
+    )
+    parser.add_argument("--bus", default="auto", help="auto, vcan0, can0, hilsim:NAME or interface:channel")
+    parser.add_argument("--key-file", type=Path, help="shared key, 32 hex digits, mode 0600 (default: the demo key)")
+    parser.add_argument("--seconds", type=float, help="stop after so many seconds of the device's time")
+    parser.add_argument("--json-log", type=Path, help="JSON lines: every change and every 20 ms")
+    parser.add_argument("--wearer-torque", choices=WEARERS, default="reach", help="what the wearer's arm does")
+    return parser
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run the device; 0 after a clean end, 2 with one line where it cannot start."""
+    options = _parser().parse_args(arguments)
+    try:
+        spec = parse_spec(options.bus)
+        key = load_key(options.key_file, physical=spec.physical)
+        bus = Attachment(spec)
+    except (BusUnusable, KeyUnusable) as error:
+        print(f"firmware-sim: {error}", file=sys.stderr)  # noqa: T201
+        return 2
+    use_realtime_scheduling()
+    log: IO[str] | None = None
+    try:
+        if options.json_log is not None:
+            log = options.json_log.open("w", encoding="utf-8", buffering=1)
+        node = Node(Device(ControllerState(key, secrets.randbits(32)), options.wearer_torque), bus, log)
+        _on_signals(node)
+        print(f"firmware-sim ready on {spec.interface}:{spec.channel}", flush=True)  # noqa: T201
+        threading.Thread(target=_listen, args=(node,), daemon=True).start()
+        node.run(options.seconds)
+        print(f"firmware-sim done {json.dumps(node.summary())}", flush=True)  # noqa: T201
+    except OSError as error:
+        print(f"firmware-sim: {options.json_log}: log cannot be written ({error.strerror})", file=sys.stderr)  # noqa: T201
+        return 2
+    finally:
+        bus.close()
+        if log is not None:
+            log.close()
+    return 0
+
+
+def _on_signals(node: Node) -> None:
+    def stop(_signal: int, _frame: FrameType | None) -> None:
+        node.stopping = True
+
+    def clear(_signal: int, _frame: FrameType | None) -> None:
+        node.commands.append("clear")
+
+    signal.signal(signal.SIGTERM, stop)
+    signal.signal(signal.SIGINT, stop)
+    if hasattr(signal, "SIGUSR1"):
+        signal.signal(signal.SIGUSR1, clear)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,256 @@
+"""From frames to events: what the controller believes of what the bus brings. Nothing here raises on any input.
+
+HOLD and STOP need one plain frame. ACT needs a VALID E2E machine, an armed session, a fresh echo, a young sensing, a
+verb that is assisted, and the right MAC within 10 ms. An ACT that fails any of it counts as HOLD and feeds no deadline.
+"""
+
+from __future__ import annotations
+
+from firmware_sim import e2e, frames, secoc, watchdogs
+from firmware_sim.faults import fire, mac_failed, trip
+from firmware_sim.frames import Reject
+from firmware_sim.memory import (
+    COUNT_LOST,
+    ECHO_AGE_MAX_MS,
+    Challenge,
+    ControllerState,
+    PendingAct,
+    Received,
+    count,
+    reject,
+)
+from firmware_sim.profiles import profile
+from firmware_sim.states import Event, Reason, State
+from firmware_sim.transmit import send
+
+_HOLD_REASON = {
+    Reject.E2E_STATE: Reason.E2E_INVALID,
+    Reject.NOT_ARMED: Reason.NOT_ARMED,
+    Reject.SESSION: Reason.NOT_ARMED,
+    Reject.ECHO: Reason.ECHO_STALE,
+    Reject.AGE: Reason.SENSING_STALE,
+    Reject.VERB: Reason.VERB_UNASSISTED,
+}
+
+
+def receive(state: ControllerState, frame: Received, random_u32: int, now_ms: int) -> None:
+    """Take one frame in."""
+    if not frame.plain:
+        reject(state, Reject.KIND)
+        return
+    if frame.can_id == frames.STOP:
+        reject(state, Reject.ACCEPTED)
+        fire(state, Event.STOP, Reason.STOP_RECEIVED, now_ms)
+        return
+    if frame.can_id in frames.OWN_IDS:
+        fire(state, Event.LATCH, Reason.OWN_ID_SEEN, now_ms)
+        return
+    if frame.can_id not in frames.RECEIVED_IDS:
+        reject(state, Reject.UNKNOWN_ID)
+        return
+    if len(frame.data) != frames.FRAME_LENGTH:
+        reject(state, Reject.LENGTH)
+        return
+    if not _checked(state, frame, now_ms):
+        return
+    why, values = frames.unpack(frame.can_id, frame.data)
+    if why != Reject.ACCEPTED:
+        reject(state, why)
+    elif frame.can_id == frames.ACT_CMD:
+        _act_cmd(state, frame.data, values, now_ms)
+    elif frame.can_id == frames.ACT_AUTH:
+        _act_auth(state, values, now_ms)
+    elif frame.can_id == frames.BRIDGE_HB:
+        _heartbeat(state, values, now_ms)
+    elif frame.can_id == frames.ARM_REQUEST:
+        _arm_request(state, values, random_u32, now_ms)
+    elif frame.can_id == frames.ARM_RESPONSE:
+        _arm_response(state, values, now_ms)
+    else:
+        reject(state, Reject.ACCEPTED)  # BRIDGE_DIAG: for people, not for the controller
+
+
+def _checked(state: ControllerState, frame: Received, now_ms: int) -> bool:
+    """E2E check and state machine; only a frame that is new and in sequence goes on."""
+    slot = frames.RECEIVED_IDS.index(frame.can_id)
+    before = state.receivers[slot]
+    result, after = e2e.check(frame.can_id, frame.data, before)
+    state.receivers = (*state.receivers[:slot], after, *state.receivers[slot + 1 :])
+    count(state, COUNT_LOST, after.lost - before.lost)
+    if result == e2e.Check.ERROR:
+        reject(state, Reject.CRC)
+    elif result == e2e.Check.REPEATED:
+        reject(state, Reject.REPEATED)
+    elif result == e2e.Check.WRONG_SEQUENCE:
+        reject(state, Reject.SEQUENCE)
+    if frame.can_id == frames.ACT_CMD and before.machine == e2e.Machine.VALID and after.machine == e2e.Machine.INVALID:
+        state.neutral = 0
+        trip(state, Reason.E2E_INVALID, now_ms)
+    return result in (e2e.Check.OK, e2e.Check.OK_SOME_LOST)
+
+
+def _echo_age_ms(state: ControllerState, echo: int, now_ms: int) -> int | None:
+    """Age of the youngest CTRL_STATUS that carried this counter; None when it is not among the last ones."""
+    for counter, sent_ms in reversed(state.echoes):
+        if counter == echo:
+            return now_ms - sent_ms
+    return None
+
+
+def _echo_fresh(state: ControllerState, echo: int, now_ms: int) -> bool:
+    age_ms = _echo_age_ms(state, echo, now_ms)
+    return age_ms is not None and age_ms <= watchdogs.ECHO_LIMIT_MS
+
+
+def _machine(state: ControllerState) -> e2e.Machine:
+    return state.receivers[frames.RECEIVED_IDS.index(frames.ACT_CMD)].machine
+
+
+def _act_cmd(state: ControllerState, data: bytes, values: tuple[int, ...], now_ms: int) -> None:
+    gate, verb, _confidence, session, echo, age = values
+    if state.pending is not None:
+        authorisation_missing(state, now_ms)
+    trusted = state.armed and session == state.session and _machine(state) == e2e.Machine.VALID
+    if gate == frames.GATE_HOLD:
+        reject(state, Reject.ACCEPTED)
+        _accept(state, data[2], True, now_ms)
+        stale = _sensing_stale(age)
+        neutral = trusted and not stale and _echo_fresh(state, echo, now_ms)
+        state.neutral = min(state.neutral + 1, watchdogs.NEUTRAL_HOLDS) if neutral else 0
+        if stale:  # a dropout, not a change of mind: back to following, and neutral first (docs/decisions/001)
+            fire(state, Event.FAULT, Reason.SENSING_STALE, now_ms)
+        else:
+            fire(state, Event.HOLD, Reason.HOLD, now_ms)
+        if state.neutral >= watchdogs.NEUTRAL_HOLDS:
+            fire(state, Event.NEUTRAL, Reason.NEUTRAL, now_ms)
+        return
+    state.neutral = 0
+    why = _why_not(state, verb, session, echo, age, now_ms)
+    if why != Reject.ACCEPTED:
+        reject(state, why)
+        fire(state, Event.HOLD, _HOLD_REASON[why], now_ms)
+        return
+    state.pending = PendingAct(now_ms, data, verb, data[2])
+
+
+def _why_not(state: ControllerState, verb: int, session: int, echo: int, age: int, now_ms: int) -> Reject:
+    """First plain condition of ACT that fails; ACCEPTED when all hold and only the MAC is missing."""
+    if _machine(state) != e2e.Machine.VALID:
+        return Reject.E2E_STATE
+    if not state.armed:
+        return Reject.NOT_ARMED
+    if session != state.session:
+        return Reject.SESSION
+    echo_age_ms = _echo_age_ms(state, echo, now_ms)
+    if echo_age_ms is None or echo_age_ms > watchdogs.ECHO_LIMIT_MS:
+        return Reject.ECHO
+    if echo_age_ms > state.counters[ECHO_AGE_MAX_MS]:
+        count(state, ECHO_AGE_MAX_MS, echo_age_ms - state.counters[ECHO_AGE_MAX_MS])
+    if _sensing_stale(age):
+        return Reject.AGE
+    if profile(verb).cap_unm == 0:
+        return Reject.VERB
+    return Reject.ACCEPTED
+
+
+def _sensing_stale(age: int) -> bool:
+    return age == frames.AGE_UNKNOWN or age * 2 > watchdogs.SENSING_LIMIT_MS
+
+
+def _accept(state: ControllerState, counter: int, is_hold: bool, arrived_ms: int) -> None:
+    """A fully accepted command: the only thing that feeds the command watchdog."""
+    state.command_live = True
+    state.command_ms = arrived_ms
+    state.command_is_hold = is_hold
+    state.accepted_counter = counter
+
+
+def authorisation_missing(state: ControllerState, now_ms: int) -> None:
+    """The waiting ACT got no ACT_AUTH in time, or the next command came first: it counts as HOLD."""
+    state.pending = None
+    reject(state, Reject.AUTH_MISSING)
+    fire(state, Event.HOLD, Reason.AUTH_MISSING, now_ms)
+
+
+def _act_auth(state: ControllerState, values: tuple[int, ...], now_ms: int) -> None:
+    low_byte, mac = values
+    pending = state.pending
+    if pending is None:
+        reject(state, Reject.AUTH_UNPAIRED)
+        return
+    if not watchdogs.fresh(pending.arrived_ms, now_ms, watchdogs.AUTH_LIMIT_MS):
+        authorisation_missing(state, now_ms)
+        return
+    state.pending = None
+    freshness = secoc.whole_freshness(low_byte, state.freshness)
+    if freshness > secoc.FRESHNESS_LIMIT or mac != secoc.act_mac(state.key, state.session, freshness, pending.data):
+        reject(state, Reject.MAC)
+        fire(state, Event.HOLD, Reason.AUTH_MISSING, now_ms)
+        mac_failed(state, now_ms)
+        return
+    state.freshness = freshness
+    reject(state, Reject.ACCEPTED)
+    _accept(state, pending.counter, False, pending.arrived_ms)
+    if state.state == State.READY:
+        state.verb = pending.verb
+    if pending.verb == state.verb:
+        fire(state, Event.ACT, Reason.AUTHORISED, now_ms)
+    else:
+        fire(state, Event.VERB_CHANGE, Reason.VERB_CHANGE, now_ms)
+
+
+def _heartbeat(state: ControllerState, values: tuple[int, ...], now_ms: int) -> None:
+    if values[4] != frames.PROTOCOL_VERSION:
+        reject(state, Reject.RANGE)
+        return
+    reject(state, Reject.ACCEPTED)
+    state.heartbeat_ms = now_ms
+
+
+def _arm_request(state: ControllerState, values: tuple[int, ...], random_u32: int, now_ms: int) -> None:
+    """Answer with a challenge. The request is not authenticated, so it changes nothing else."""
+    bridge_nonce, purpose = values
+    if purpose == frames.PURPOSE_ARM:
+        allowed = state.state in (State.FOLLOW, State.READY)
+    else:
+        allowed = state.state in (State.LATCHED, State.ESTOP)
+    if not allowed:
+        reject(state, Reject.HANDSHAKE)
+        return
+    reject(state, Reject.ACCEPTED)
+    state.last_session = state.last_session % 255 + 1
+    state.challenge = Challenge(now_ms, purpose, state.last_session, bridge_nonce, random_u32)
+    send(state, frames.ARM_CHALLENGE, (random_u32, state.last_session))
+
+
+def _arm_response(state: ControllerState, values: tuple[int, ...], now_ms: int) -> None:
+    mac, session = values
+    challenge = state.challenge
+    if (
+        challenge is None
+        or session != challenge.session
+        or not watchdogs.fresh(challenge.sent_ms, now_ms, watchdogs.CHALLENGE_LIMIT_MS)
+    ):
+        reject(state, Reject.HANDSHAKE)
+        return
+    state.challenge = None
+    key = secoc.session_key(state.shared_key, challenge.bridge_nonce, challenge.device_nonce, state.boot_nonce, session)
+    expected = secoc.arm_mac(key, challenge.purpose, session, challenge.bridge_nonce, challenge.device_nonce)
+    if mac != expected:
+        reject(state, Reject.MAC)
+        mac_failed(state, now_ms)
+        return
+    reject(state, Reject.ACCEPTED)
+    if challenge.purpose == frames.PURPOSE_CLEAR_LATCH:
+        state.clear_until_ms = now_ms + watchdogs.CLEAR_LIMIT_MS
+        return
+    if state.state not in (State.FOLLOW, State.READY):
+        return  # an assist that began meanwhile keeps its session
+    state.armed = True
+    state.session = session
+    state.key = key
+    state.freshness = 0
+    state.heartbeat_ms = now_ms
+    state.neutral = 0
+    state.pending = None
+    fire(state, Event.FAULT, Reason.DISARMED, now_ms)

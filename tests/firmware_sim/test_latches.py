@@ -1,0 +1,395 @@
+"""Arming, latching and the way out of a latch; sensors, plant, own identifiers."""
+
+from __future__ import annotations
+
+import pytest
+
+from firmware_sim import frames
+from firmware_sim.frames import Reject
+from firmware_sim.memory import ControllerState, Received
+from firmware_sim.states import Reason, State
+from tests.safety.hand import BOOT_NONCE, KEY, Hand
+
+requirement = pytest.mark.requirement
+CLEAR = frames.PURPOSE_CLEAR_LATCH
+
+
+def latched() -> Hand:
+    """A device that has latched and come to rest, with somebody holding."""
+    hand = Hand().to_assist()
+    hand.tick(Received(frames.CTRL_STATUS, bytes(8)))
+    assert hand.state.state == State.LATCHED
+    for _ in range(15):
+        hand.beat(hand.hold(session=0))
+    assert hand.outputs.assist_unm == hand.outputs.gravity_unm == 0
+    return hand
+
+
+@requirement("S6")
+@pytest.mark.parametrize("can_id", frames.OWN_IDS)
+def test_own_identifier_seen_from_outside_latches(can_id: int) -> None:
+    hand = Hand().to_assist()
+    hand.tick(Received(can_id, b""))
+    assert hand.state.state == State.LATCHED
+    assert hand.state.reason == Reason.OWN_ID_SEEN
+
+
+@requirement("S6")
+def test_latched_stays_latched() -> None:
+    hand = latched()
+    hand.tick(hand.request())
+    hand.tick(hand.response())
+    for _ in range(50):
+        hand.beat(hand.hold())
+        hand.tick(local_clear=True)
+    assert hand.state.state == State.LATCHED
+
+
+@requirement("S7")
+@pytest.mark.parametrize("missing", ["none", "hold", "challenge", "local", "zero_gravity", "zero_assist", "stale"])
+def test_leaving_a_latch_needs_all_four(missing: str) -> None:
+    hand = latched()
+    hand.state.mac_failures = 1
+    if missing != "challenge":
+        hand.tick(hand.request(CLEAR))
+        hand.tick(hand.response(CLEAR))
+        assert hand.state.clear_until_ms == hand.now_ms + 30_000
+    if missing == "hold":
+        hand.run(150)
+    if missing == "stale":
+        hand.beat(hand.hold(session=0), milliseconds=1)
+        hand.state.clear_until_ms = hand.now_ms + 1
+    if missing == "zero_gravity":
+        hand.state.torque = hand.state.torque._replace(gravity_unm=1)
+    if missing == "zero_assist":
+        hand.state.torque = hand.state.torque._replace(assist_unm=1)
+    hand.tick(local_clear=missing != "local")
+    if missing != "none":
+        assert hand.state.state == State.LATCHED
+        return
+    assert hand.state.state == State.SELFTEST
+    assert hand.state.reason == Reason.CLEARED
+    assert (hand.state.trips, hand.state.bus_offs, hand.state.mac_failures) == ((), (), 0)
+    assert hand.state.clear_until_ms == 0
+    assert not hand.state.armed
+    hand.run(49)
+    assert hand.state.state == State.SELFTEST
+    hand.run(2)
+    assert hand.state.state == State.FOLLOW
+
+
+@requirement("S7")
+def test_a_clearing_holds_for_thirty_seconds_and_no_longer() -> None:
+    hand = latched()
+    hand.tick(hand.request(CLEAR))
+    hand.tick(hand.response(CLEAR))
+    until_ms = hand.state.clear_until_ms
+    while hand.now_ms < until_ms - 1:
+        hand.tick(*((hand.hold(session=0),) if hand.now_ms % 40 == 0 else ()))
+    hand.tick(local_clear=True)
+    assert hand.state.state == State.LATCHED
+
+
+@requirement("S7")
+def test_the_last_command_must_be_a_hold() -> None:
+    hand = latched()
+    hand.tick(hand.request(CLEAR))
+    hand.tick(hand.response(CLEAR))
+    hand.state.command_is_hold = False
+    hand.tick(local_clear=True)
+    assert hand.state.state == State.LATCHED
+
+
+@requirement("S7", "P3")
+def test_an_estop_is_left_the_same_way() -> None:
+    hand = Hand().to_ready()
+    hand.tick(Received(frames.STOP, b""))
+    hand.tick(hand.request(CLEAR))
+    hand.tick(hand.response(CLEAR))
+    hand.tick(hand.hold(session=0))
+    hand.tick(local_clear=True)
+    assert hand.state.state == State.SELFTEST
+
+
+@requirement("S7")
+def test_a_wrong_key_does_not_clear_and_counts_as_mac_failure() -> None:
+    hand = latched()
+    hand.tick(hand.request(CLEAR))
+    hand.tick(hand.response(CLEAR, shared=b"y" * 16))
+    assert hand.state.clear_until_ms == 0
+    assert hand.state.mac_failures == 1
+    hand.tick(hand.hold(session=0))
+    hand.tick(local_clear=True)
+    assert hand.state.state == State.LATCHED
+
+
+@requirement("S7")
+def test_the_answer_to_an_arming_challenge_does_not_clear() -> None:
+    hand = latched()
+    hand.tick(hand.request(CLEAR))
+    hand.tick(hand.response(frames.PURPOSE_ARM))
+    assert hand.count(Reject.MAC) == 1
+    assert hand.state.clear_until_ms == 0
+
+
+@requirement("P6")
+@pytest.mark.parametrize(
+    ("state", "purpose", "answered"),
+    [
+        (State.FOLLOW, frames.PURPOSE_ARM, True),
+        (State.READY, frames.PURPOSE_ARM, True),
+        (State.FOLLOW, CLEAR, False),
+        (State.ASSIST, frames.PURPOSE_ARM, False),
+        (State.ASSIST, CLEAR, False),
+        (State.LATCHED, frames.PURPOSE_ARM, False),
+        (State.LATCHED, CLEAR, True),
+        (State.ESTOP, CLEAR, True),
+        (State.ESTOP, frames.PURPOSE_ARM, False),
+        (State.PASSIVE, frames.PURPOSE_ARM, False),
+    ],
+)
+def test_a_request_is_answered_only_where_it_makes_sense(state: State, purpose: int, answered: bool) -> None:
+    hand = Hand().to_follow()
+    hand.state.state = state
+    hand.log.clear()
+    hand.tick(hand.request(purpose))
+    challenged = [data for can_id, data in hand.log if can_id == frames.ARM_CHALLENGE]
+    assert (len(challenged) == 1) == answered
+    assert hand.count(Reject.HANDSHAKE) == (0 if answered else 1)
+    assert (hand.state.challenge is not None) == answered
+    if answered:
+        why, values = frames.unpack(frames.ARM_CHALLENGE, challenged[0])
+        assert (why, values) == (Reject.ACCEPTED, (0x55667788, 1))
+
+
+@requirement("P6")
+def test_a_request_alone_ends_no_session() -> None:
+    hand = Hand().to_ready()
+    session = hand.state.session
+    hand.tick(hand.request())
+    assert hand.state.armed
+    assert hand.state.session == session
+    assert hand.state.state == State.READY
+
+
+@requirement("P6")
+def test_arming_anew_ends_the_old_session_and_neutral() -> None:
+    hand = Hand().to_ready()
+    old, old_key = hand.state.session, hand.state.key
+    hand.beat(*hand.act(), milliseconds=1)
+    hand.beat(hand.hold())
+    assert hand.state.state == State.READY
+    assert hand.state.freshness == 1
+    hand.arm()
+    assert hand.state.session == old + 1
+    assert hand.state.key != old_key
+    assert hand.state.freshness == 0
+    assert hand.state.state == State.FOLLOW
+    assert hand.state.reason == Reason.DISARMED
+    assert hand.state.heartbeat_ms == hand.now_ms
+    assert hand.state.neutral == 0
+    assert hand.state.pending is None
+
+
+@requirement("P6")
+def test_arming_forgets_an_act_that_waits_and_the_neutral_of_before() -> None:
+    hand = Hand().to_follow()
+    for _ in range(4):
+        hand.beat(hand.hold())
+    hand.arm().beat(hand.hold())
+    assert hand.state.neutral == 1
+    hand.tick(hand.request())
+    response = hand.response()
+    hand.tick(hand.act_cmd(frames.GATE_ACT, 1))
+    assert hand.state.pending is not None
+    hand.tick(response)
+    assert hand.state.pending is None
+    assert hand.state.neutral == 0
+
+
+@requirement("P6")
+@pytest.mark.parametrize(("wait_ms", "armed"), [(499, True), (500, True), (501, False)])
+def test_a_challenge_waits_half_a_second(wait_ms: int, armed: bool) -> None:
+    hand = Hand().to_follow()
+    hand.tick(hand.request())
+    response = hand.response()
+    hand.run(wait_ms - 1)
+    hand.tick(response)
+    assert hand.state.armed == armed
+    assert hand.count(Reject.HANDSHAKE) == (0 if armed else 1)
+
+
+@requirement("P6")
+@pytest.mark.parametrize("broken", ["none_asked", "session", "twice"])
+def test_responses_nobody_waits_for_are_counted(broken: str) -> None:
+    hand = Hand().to_follow()
+    if broken == "none_asked":
+        hand.tick(hand.response(session=1))
+    else:
+        hand.tick(hand.request())
+        hand.tick(hand.response(session=2 if broken == "session" else None))
+        if broken == "twice":
+            hand.tick(hand.response())
+    assert hand.count(Reject.HANDSHAKE) == 1
+    assert hand.state.mac_failures == 0
+    assert hand.state.armed == (broken == "twice")
+
+
+@requirement("P6", "S6")
+def test_three_wrong_responses_latch() -> None:
+    hand = Hand().to_follow()
+    for failures in (1, 2, 3):
+        hand.tick(hand.request())
+        hand.tick(hand.response(shared=b"z" * 16))
+        assert hand.state.mac_failures == failures
+        assert hand.state.challenge is None
+        assert not hand.state.armed
+    assert hand.state.state == State.LATCHED
+
+
+@requirement("P6")
+def test_an_assist_that_began_meanwhile_keeps_its_session() -> None:
+    hand = Hand().to_ready()
+    hand.tick(hand.request())
+    response = hand.response()
+    session, key = hand.session, hand.state.key
+    hand.tick(*hand.act())
+    hand.tick(response)
+    assert hand.state.state == State.ASSIST
+    assert (hand.state.session, hand.state.key) == (session, key)
+
+
+@requirement("P6")
+def test_session_numbers_run_from_1_to_255_and_around() -> None:
+    hand = Hand().to_follow()
+    seen = []
+    for _ in range(257):
+        hand.tick(hand.request())
+        seen.append(hand.state.last_session)
+    assert seen == [*range(1, 256), 1, 2]
+
+
+@requirement("S10")
+def test_h4_implausible_sensors_make_passive_at_once_and_recover_after_half_a_second() -> None:
+    hand = Hand().to_assist()
+    hand.run(2, second_angle_mdeg=34_000)
+    assert hand.state.state == State.ASSIST
+    hand.tick(second_angle_mdeg=34_000)
+    assert hand.state.state == State.PASSIVE
+    assert hand.state.reason == Reason.SENSOR_IMPLAUSIBLE
+    out = hand.outputs
+    assert (out.assist_unm, out.gravity_unm, out.follow_unm) == (0, 0, 0)
+    assert not hand.state.armed
+    hand.run(499)
+    assert hand.state.state == State.PASSIVE
+    assert hand.outputs.follow_unm == 0
+    hand.tick()
+    assert hand.state.state == State.FOLLOW
+    assert hand.outputs.follow_unm != 0
+
+
+@requirement("S10")
+def test_a_jump_of_the_encoder_is_implausible_but_one_alone_passes() -> None:
+    hand = Hand().to_ready()
+    hand.tick(angle_mdeg=40_000, second_angle_mdeg=40_000)
+    assert hand.state.implausible_ticks == 1
+    hand.tick(angle_mdeg=40_000, second_angle_mdeg=40_000)
+    assert hand.state.implausible_ticks == 0
+    assert hand.state.state == State.READY
+
+
+@requirement("S10", "T5")
+def test_h3_support_goes_at_once_when_sensors_fail_in_a_latch() -> None:
+    hand = Hand().to_assist(10)
+    hand.tick(Received(frames.CTRL_STATUS, b""))
+    assert hand.outputs.gravity_unm != 0
+    hand.run(2, second_angle_mdeg=34_000)
+    assert hand.outputs.gravity_unm != 0
+    hand.tick(second_angle_mdeg=34_000)
+    assert hand.state.state == State.LATCHED
+    assert hand.outputs.gravity_unm == 0
+    assert hand.outputs.follow_unm == 0
+
+
+@requirement("W8", "S6")
+@pytest.mark.parametrize(
+    ("ticks", "difference", "latched"), [(19, 600_001, False), (20, 600_001, True), (50, 600_000, False)]
+)
+def test_h4_torque_that_does_not_follow_latches(ticks: int, difference: int, latched: bool) -> None:
+    hand = Hand().to_ready()
+    hand.run(ticks, commanded_unm=0, measured_unm=-difference)
+    assert (hand.state.state == State.LATCHED) == latched
+    if latched:
+        assert hand.state.reason == Reason.TORQUE_TRACKING
+        assert hand.outputs.follow_unm == 0
+    else:
+        hand.tick()
+        assert hand.state.tracking_ticks == 0
+
+
+@requirement("W8")
+@pytest.mark.parametrize(("speed", "latched"), [(400_000, False), (400_001, True), (-400_001, True)])
+def test_h4_joint_speed_latches(speed: int, latched: bool) -> None:
+    hand = Hand().to_ready()
+    hand.tick(velocity_mdeg_s=speed)
+    assert (hand.state.state == State.LATCHED) == latched
+    if latched:
+        assert hand.state.reason == Reason.JOINT_SPEED
+        assert hand.outputs.follow_unm == 0
+
+
+@requirement("W8")
+@pytest.mark.parametrize(("angle", "latched"), [(0, False), (-1, True), (145_000, False), (145_001, True)])
+def test_h4_range_of_motion_latches(angle: int, latched: bool) -> None:
+    hand = Hand().to_follow()
+    hand.state.previous_mdeg = angle
+    hand.tick(angle_mdeg=angle, second_angle_mdeg=angle)
+    assert (hand.state.state == State.LATCHED) == latched
+    if latched:
+        assert hand.state.reason == Reason.RANGE_OF_MOTION
+        assert hand.outputs.follow_unm == 0
+
+
+@requirement("S6")
+@pytest.mark.parametrize("healthy", [True, False])
+def test_self_test_decides_between_follow_and_latch(healthy: bool) -> None:
+    hand = Hand()
+    hand.tick(self_test_ok=healthy)
+    assert hand.state.state == State.SELFTEST
+    assert hand.state.self_test_ms == 1
+    hand.run(49, self_test_ok=healthy)
+    assert hand.state.state == State.SELFTEST
+    assert hand.outputs.follow_unm == 0
+    hand.tick(self_test_ok=healthy)
+    assert hand.state.state == (State.FOLLOW if healthy else State.LATCHED)
+    assert hand.state.reason == (Reason.NONE if healthy else Reason.SELF_TEST_FAILED)
+
+
+@requirement("S6")
+def test_a_failed_known_answer_latches(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("firmware_sim.controller.passed", lambda: False)
+    hand = Hand()
+    hand.run(60)
+    assert hand.state.state == State.LATCHED
+
+
+def test_power_on_is_boot_with_nothing_armed() -> None:
+    state = ControllerState(KEY, BOOT_NONCE)
+    assert state.state == State.BOOT
+    assert not state.armed
+    hand = Hand(state)
+    hand.tick()
+    assert state.state == State.BOOT  # step never touches what it was given
+    assert hand.state.state == State.SELFTEST
+
+
+@requirement("S6", "T4")
+def test_h3_a_latch_takes_assist_down_smoothly_and_support_over_half_a_second() -> None:
+    hand = Hand().to_assist(10)
+    support = hand.outputs.gravity_unm
+    hand.tick(Received(frames.CTRL_HB, b""))
+    assert hand.until_zero() == 39
+    assert hand.outputs.gravity_unm > support * 0.9
+    hand.run(470)
+    assert hand.outputs.gravity_unm == 0
+    assert hand.outputs.follow_unm != 0  # weight of the device itself is still carried

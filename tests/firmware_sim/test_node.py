@@ -1,0 +1,364 @@
+"""The process around the controller: keys, bus, catching up, commands, log; driven without a clock."""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from pathlib import Path
+
+import can
+import pytest
+
+from firmware_sim import frames, node, transmit
+from firmware_sim.attachment import Arrival, Attachment, BusUnusable, Spec, parse_spec
+from firmware_sim.device import Device
+from firmware_sim.keys import KeyUnusable, load_key
+from firmware_sim.memory import COUNT_STALL_TICKS, COUNT_TX_DROPPED, ControllerState, Inputs, Received
+from firmware_sim.node import Node, main
+from firmware_sim.secoc import DEMO_KEY
+from firmware_sim.states import Reason, State
+from firmware_sim.torque import Torque
+
+requirement = pytest.mark.requirement
+MS = 1_000_000
+
+
+class FakeBus:
+    """Takes what the node sends and gives what a test wants to arrive."""
+
+    def __init__(self) -> None:
+        self.arrivals: list[Arrival] = []
+        self.log: list[tuple[int, bytes]] = []
+        self.received = self.sent = self.dropped = self.link_errors = 0
+        self.bus_off = False
+
+    def read(self, now_ns: int) -> list[Arrival]:
+        taken = [arrival for arrival in self.arrivals if arrival.arrived_ns <= now_ns]
+        self.arrivals = [arrival for arrival in self.arrivals if arrival.arrived_ns > now_ns]
+        return taken
+
+    def send(self, can_id: int, data: bytes, now_ns: int) -> None:
+        self.log.append((can_id, data))
+
+
+class Clock:
+    """Stands in for the node's clock: sleeping moves it, and `jumps` stall it."""
+
+    def __init__(self) -> None:
+        self.now_ns = 5_000_000_000
+        self.jumps: dict[int, int] = {}
+
+    def monotonic_ns(self) -> int:
+        return self.now_ns
+
+    def sleep(self, seconds: float) -> None:
+        self.now_ns += round(seconds * 1e9)
+        for at_ms in [at_ms for at_ms in self.jumps if self.now_ns >= 5_000_000_000 + at_ms * MS]:
+            self.now_ns += self.jumps.pop(at_ms) * MS
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    fake = Clock()
+    monkeypatch.setattr(node.time, "monotonic_ns", fake.monotonic_ns)
+    monkeypatch.setattr(node.time, "sleep", fake.sleep)
+    return fake
+
+
+def make(log: io.StringIO | None = None) -> tuple[Node, FakeBus]:
+    bus = FakeBus()
+    return Node(Device(ControllerState(DEMO_KEY, 1)), bus, log), bus  # type: ignore[arg-type]
+
+
+@requirement("S11")
+def test_a_stalled_computer_is_caught_up_tick_by_tick_and_is_no_device_fault(clock: Clock) -> None:
+    made, bus = make()
+    clock.jumps = {100: 300}
+    seen: list[tuple[int, int]] = []
+    tick = made.device.tick
+
+    def watched(received: tuple[Received, ...], *rest: int) -> tuple[tuple[int, bytes], ...]:
+        seen.extend((made.device.ticks + 1, frame.can_id) for frame in received)
+        return tick(received, *rest)
+
+    made.device.tick = watched  # type: ignore[method-assign]
+    start_ns = clock.now_ns
+    bus.arrivals = [
+        Arrival(start_ns + ms * MS - 1, Received(0x700 + k, b"")) for k, ms in enumerate((50, 150, 150, 260))
+    ]
+    made.run(0.5)
+    assert made.device.ticks == 500
+    assert seen == [(50, 0x700), (150, 0x701), (150, 0x702), (260, 0x703)]
+    assert made.device.state.state == State.FOLLOW
+    assert made.most_behind >= 300
+    assert made.device.state.counters[COUNT_STALL_TICKS] >= 299
+    assert made.summary()["rejected"] == {"unknown_id": 4}
+
+
+@requirement("S11")
+def test_frames_of_ticks_long_gone_are_not_sent_late(clock: Clock) -> None:
+    made, bus = make()
+    clock.jumps = {200: 400}
+    made.run(1.0)
+    assert bus.dropped > 0
+    status = [data for can_id, data in bus.log if can_id == frames.CTRL_STATUS]
+    assert 28 <= len(status) <= 40
+    assert made.device.state.counters[COUNT_TX_DROPPED] == bus.dropped
+
+
+def test_small_delays_are_not_counted_as_stalls(clock: Clock) -> None:
+    made, _bus = make()
+    clock.jumps = {100: 3}
+    made.run(0.2)
+    assert made.device.state.counters[COUNT_STALL_TICKS] == 0
+
+
+def test_the_log_has_every_change_and_every_20_ms(clock: Clock) -> None:
+    log = io.StringIO()
+    made, _bus = make(log)
+    made.run(0.2)
+    lines = [json.loads(line) for line in log.getvalue().splitlines()]
+    assert lines[0] == {"start_ns": 5_000_000_000}
+    assert [line["t_ms"] for line in lines[1:]] == [1, 20, 40, 51, 60, 80, 100, 120, 140, 160, 180, 200]
+    assert lines[4]["state"] == "FOLLOW"
+    assert {"assist_nm", "gravity_nm", "follow_nm", "accepted_ms", "reason"} <= set(lines[1])
+
+
+@pytest.mark.parametrize(
+    ("command", "reason"),
+    [
+        ("overrun", Reason.TICK_OVERRUN),
+        ("gain -1", Reason.TORQUE_TRACKING),
+        ("encoder 9000", Reason.SENSOR_IMPLAUSIBLE),
+    ],
+)
+def test_faults_typed_on_standard_input_reach_the_device(clock: Clock, command: str, reason: Reason) -> None:
+    made, _bus = make()
+    made.run(0.2)
+    made.stopping = False
+    made.commands.append(command)
+    made.device.ticks = 200
+    made.run(1.5)
+    assert made.device.state.reason == reason
+
+
+def test_other_commands(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
+    made, _bus = make()
+    made.commands.extend(["stuck", "push 1.5", "busoff", "clear", "nonsense", "gain", "quit"])
+    made._obey()
+    assert made.device.actuator.stuck
+    assert made.device.wearer_extra_nm == 1.5
+    assert made.forced_bus_off
+    assert made.device.local_clear
+    assert made.stopping
+    assert capsys.readouterr().err.count("not understood") == 2
+    made.commands.append("buson")
+    made._obey()
+    assert not made.forced_bus_off
+
+
+@requirement("P12")
+def test_key_files_must_be_private_and_keys(tmp_path: Path) -> None:
+    path = tmp_path / "arm.key"
+    path.write_text("00112233445566778899aabbccddeeff\n")
+    path.chmod(0o640)
+    with pytest.raises(KeyUnusable, match=f"chmod 600 {path}"):
+        load_key(path, physical=True)
+    path.chmod(0o600)
+    assert load_key(path, physical=True) == bytes.fromhex("00112233445566778899aabbccddeeff")
+    for text in ("0011", "not hexadecimal at all", "", "00112233445566778899aabbccddeeff00"):
+        path.write_text(text)
+        with pytest.raises(KeyUnusable, match="32 hexadecimal digits"):
+            load_key(path, physical=False)
+    path.write_bytes(b"\xff\xfe")
+    with pytest.raises(KeyUnusable, match="cannot be read"):
+        load_key(path, physical=False)
+    with pytest.raises(KeyUnusable, match="no such key file"):
+        load_key(tmp_path / "none", physical=False)
+
+
+@requirement("P12")
+def test_the_demo_key_is_refused_on_a_physical_bus_by_the_device_too(tmp_path: Path) -> None:
+    assert load_key(None, physical=False) == DEMO_KEY
+    path = tmp_path / "arm.key"
+    path.write_text(DEMO_KEY.hex())
+    path.chmod(0o600)
+    for source in (None, path):
+        with pytest.raises(KeyUnusable, match="refused on a physical bus"):
+            load_key(source, physical=True)
+
+
+@pytest.mark.parametrize(
+    ("text", "spec"),
+    [
+        ("can0", Spec("socketcan", "can0", True)),
+        ("vcan7", Spec("socketcan", "vcan7", False)),
+        ("hilsim:demo", Spec("hilsim", "demo", False)),
+        ("virtual:x", Spec("virtual", "x", False)),
+        ("slcan:/dev/ttyUSB0", Spec("slcan", "/dev/ttyUSB0", True)),
+    ],
+)
+def test_bus_specs(text: str, spec: Spec) -> None:
+    assert parse_spec(text) == spec
+
+
+@pytest.mark.parametrize("text", ["", ":x", "hilsim:"])
+def test_bus_specs_nobody_can_read(text: str) -> None:
+    with pytest.raises(BusUnusable, match="write auto"):
+        parse_spec(text)
+
+
+def test_the_attachment_reads_writes_and_survives_on_an_in_process_bus() -> None:
+    mine = Attachment(Spec("virtual", "attachment-test", False))
+    with can.Bus(interface="virtual", channel="attachment-test") as other:
+        other.send(can.Message(arbitration_id=0x60, data=b"12345678", is_extended_id=False))
+        other.send(can.Message(arbitration_id=0x60, data=b"", is_extended_id=True))
+        other.send(can.Message(arbitration_id=0x140, is_error_frame=True))
+        now_ns = time.monotonic_ns()
+        arrivals = mine.read(now_ns)
+        assert [arrival.frame for arrival in arrivals] == [
+            Received(0x60, b"12345678"),
+            Received(0x60, b"", plain=False),
+        ]
+        assert all(now_ns - 10**9 < arrival.arrived_ns <= now_ns for arrival in arrivals)
+        assert not mine.bus_off
+        other.send(can.Message(arbitration_id=0x40, is_error_frame=True))
+        mine.read(now_ns)
+        assert mine.bus_off
+        mine.send(0xA0, b"abc", now_ns)
+        heard = other.recv(1.0)
+        assert heard is not None
+        assert (heard.arbitration_id, bytes(heard.data), heard.is_extended_id) == (0xA0, b"abc", False)
+    assert (mine.received, mine.sent, mine.dropped) == (2, 1, 0)
+    mine.close()
+    mine.close()
+
+
+def test_a_lost_bus_is_opened_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    mine = Attachment(Spec("virtual", "lost-test", False))
+
+    def broken(*_: object, **__: object) -> None:
+        raise can.CanOperationError("gone")
+
+    assert mine._bus is not None
+    monkeypatch.setattr(mine._bus, "recv", broken)
+    monkeypatch.setattr(mine._bus, "send", broken)
+    mine.send(1, b"", 0)
+    assert mine.dropped == 1
+    assert mine.read(0) == []
+    assert mine.link_errors == 1
+    mine.send(1, b"", 50 * MS)  # not yet
+    assert mine.dropped == 2
+    assert mine.read(200 * MS) == []
+    mine.send(1, b"", 200 * MS)
+    assert mine.sent == 1
+    mine.close()
+
+
+def test_main_runs_and_ends_with_a_summary(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    log = tmp_path / "device.jsonl"
+    assert main(["--bus", "virtual:main-test", "--seconds", "0.1", "--json-log", str(log)]) == 0
+    out = capsys.readouterr().out.splitlines()
+    assert out[0] == "firmware-sim ready on virtual:main-test"
+    assert json.loads(out[1].removeprefix("firmware-sim done "))["state"] == "FOLLOW"
+    assert len(log.read_text().splitlines()) >= 6
+
+
+@pytest.mark.parametrize(
+    ("arguments", "cure"),
+    [
+        (["--bus", "nosuchcan9"], "ip link set nosuchcan9 up"),
+        (["--bus", "virtual:x", "--key-file", "/nonexistent/key"], "no such key file"),
+        (["--bus", "virtual:x", "--json-log", "/nonexistent/log"], "log cannot be written"),
+    ],
+)
+def test_bad_input_is_one_line_and_exit_2(
+    arguments: list[str], cure: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if arguments[1] == "nosuchcan9":
+        key = tmp_path / "key"
+        key.write_text("ab" * 16)
+        key.chmod(0o600)
+        arguments = [*arguments, "--key-file", str(key)]
+    assert main(arguments) == 2
+    error = capsys.readouterr().err.strip()
+    assert cure in error
+    assert "\n" not in error
+
+
+# Transmission
+
+
+def cyclic(milliseconds: int) -> dict[int, list[tuple[int, bytes]]]:
+    state, sent = ControllerState(DEMO_KEY, 0xABCD), {}
+    from firmware_sim.controller import step
+
+    for now_ms in range(1, milliseconds + 1):
+        state, outputs = step(state, Inputs(), now_ms)
+        for can_id, data in outputs.frames:
+            sent.setdefault(can_id, []).append((now_ms, data))
+    return sent
+
+
+@requirement("P11")
+def test_cycles_are_those_of_the_contract() -> None:
+    sent = cyclic(5000)
+    assert [ms for ms, _ in sent[frames.CTRL_STATUS][:6]] == [1, 21, 41, 51, 71, 91]  # 51: a change of state, at once
+    assert len(sent[frames.CTRL_MEAS]) == 250
+    assert len(sent[frames.CTRL_HB]) == 50
+    indices = [data[3] for ms, data in sent[frames.CTRL_DIAG] if ms <= 1000]
+    assert sorted(set(indices)) == list(range(28))  # each counter within the second
+
+
+@requirement("P1")
+def test_every_frame_sent_is_protected_and_counts_up() -> None:
+    from firmware_sim.e2e import frame_crc
+
+    for can_id, log in cyclic(2000).items():
+        for _, data in log:
+            assert frame_crc(can_id, data) == data[0] | data[1] << 8
+        counters = [data[2] for _, data in log]
+        assert counters == [(k + 1) & 0xFF for k in range(len(counters))]
+
+
+def test_measurements_are_in_range_whatever_the_sensors_say() -> None:
+    state = ControllerState(DEMO_KEY, 1)
+    state.torque = Torque(assist_unm=-9_000_000, gravity_unm=9_000_000)
+    for angle, velocity in ((-99_000_000, -99_000_000), (99_000_000, 99_000_000), (60_000, 30_000)):
+        values = transmit._measurement(state, Inputs(angle_mdeg=angle, velocity_mdeg_s=velocity))
+        frames.pack(frames.CTRL_MEAS, values)
+    assert values == (0, 360, 15, -128 + 1, 127)
+
+
+@requirement("P11")
+def test_status_says_what_is() -> None:
+    state = ControllerState(DEMO_KEY, 1)
+    state.state, state.reason, state.verb = State.ASSIST, Reason.AUTHORISED, 10
+    state.torque = Torque(assist_unm=5, authority=735)
+    state.armed, state.session, state.accepted_counter = True, 9, 77
+    transmit.send_status(state, 1000)
+    can_id, data = state.outbox[-1]
+    assert frames.unpack(can_id, data)[1] == (4, 27, 10, 73, 77, 9, 1, 0)
+    state.state, state.torque = State.RAMP_DOWN, Torque()
+    transmit.send_status(state, 1020)
+    assert frames.unpack(*state.outbox[-1])[1] == (5, 27, 0, 0, 77, 9, 1, 1)
+    assert state.echoes == ((1, 1000), (2, 1020))
+    for k in range(30):
+        transmit.send_status(state, 2000 + k)
+    assert len(state.echoes) == 16
+
+
+@requirement("P11")
+def test_trips_and_latches_send_an_emergency() -> None:
+    from tests.safety.hand import Hand
+
+    hand = Hand().to_assist()
+    hand.log.clear()
+    hand.run(110)
+    emergencies = [frames.unpack(i, d)[1] for i, d in hand.log if i == frames.CTRL_EMCY]
+    assert emergencies == [(int(Reason.COMMAND_TIMEOUT), int(State.RAMP_DOWN), 0, 1)]
+    hand.log.clear()
+    hand.tick(Received(frames.STOP, b""))
+    emergencies = [frames.unpack(i, d)[1] for i, d in hand.log if i == frames.CTRL_EMCY]
+    assert emergencies == [(int(Reason.STOP_RECEIVED), int(State.ESTOP), 1, 2)]
