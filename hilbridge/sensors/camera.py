@@ -1,0 +1,138 @@
+"""Pictures from a device index, a video file or a stream URL, each stamped once on the monotonic clock."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from hilbridge.errors import InputError
+from hilbridge.records import CameraFrame
+from hilbridge.sensors.source import Source, SourceState
+
+_RETRY_S = 0.5
+_READS_BEFORE_GONE = 5
+_OPEN_TIMEOUT_MS = 5_000
+
+# OpenCV and FFmpeg print to stderr what this module reports in one line of its own.
+os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
+cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+
+
+class CameraSource(Source[CameraFrame]):
+    """Reads `spec`: a device index ("0"), the path of a video file, or an rtsp:// or http:// URL.
+
+    A file is played at its own frame rate as if it were a camera; `loop` starts it again at its end. A device or stream
+    that goes away is tried again every half second and is GONE meanwhile. Pictures are stamped when they were grabbed
+    (`StampSource.ARRIVAL`: OpenCV hands on no hardware stamp).
+
+    Raises InputError when `spec` cannot be opened or gives no picture.
+    """
+
+    def __init__(self, spec: str, *, loop: bool = False, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
+        super().__init__(f"camera {spec}", clock_ns)
+        self._spec = spec
+        self._is_file = not spec.isdigit() and "://" not in spec
+        self._loop = loop
+        self._sequence = 0
+        self._grabbed_ns = clock_ns()
+        self._capture, first = self._open_checked()
+        self._first: NDArray[np.uint8] | None = first
+        self.height, self.width = first.shape[:2]
+        fps = float(self._capture.get(cv2.CAP_PROP_FPS))
+        self.fps = fps if 1.0 <= fps <= 1000.0 else 30.0
+
+    def _open(self) -> cv2.VideoCapture:
+        if self._spec.isdigit():
+            return cv2.VideoCapture(int(self._spec))
+        options = [] if self._is_file else [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_TIMEOUT_MS]
+        return cv2.VideoCapture(self._spec, cv2.CAP_FFMPEG, options)
+
+    def _open_checked(self) -> tuple[cv2.VideoCapture, NDArray[np.uint8]]:
+        if self._is_file and not Path(self._spec).is_file():
+            raise InputError(f"camera {self._spec}: no such file; give a device index, a video file or an rtsp:// URL")
+        capture = self._open()
+        if not capture.isOpened():
+            capture.release()
+            cure = {
+                True: "the file is no video that can be decoded; check it with `ffprobe`, or record it again",
+                False: "is it connected and free? `v4l2-ctl --list-devices` lists cameras; a URL needs its host",
+            }[self._is_file]
+            raise InputError(f"camera {self._spec}: cannot be opened; {cure}")
+        ok, picture = capture.read()
+        if not ok or not _is_colour(picture):
+            capture.release()
+            raise InputError(f"camera {self._spec}: opened but gave no picture; the file or stream holds no video")
+        return capture, np.asarray(picture, dtype=np.uint8)
+
+    def _read_all(self) -> None:
+        try:
+            if self._is_file:
+                self._play()
+            else:
+                self._capture_live()
+        finally:
+            self._capture.release()
+
+    def _play(self) -> None:
+        """A file at its own rate. A picture counts as captured when it is due, so decoding is part of the latency."""
+        while True:
+            started_ns, played = self._clock_ns(), 0
+            while self._sleep_until(due_ns := started_ns + round(played * 1e9 / self.fps)):
+                picture = self._next_picture()
+                if picture is None:
+                    break
+                self._deliver_picture(picture, due_ns)
+                played += 1
+            if self._stopping.is_set() or not self._loop or not played:
+                return
+            self._capture.release()
+            self._capture = self._open()
+
+    def _capture_live(self) -> None:
+        failures = 0
+        while not self._stopping.is_set():
+            picture = self._next_picture()
+            if picture is not None:
+                failures = 0
+                self._deliver_picture(picture, self._grabbed_ns)
+                continue
+            failures += 1
+            self.cell.fail()
+            if failures >= _READS_BEFORE_GONE and not self._reopen():
+                return
+
+    def _deliver_picture(self, picture: NDArray[np.uint8], captured_ns: int) -> None:
+        self._sequence += 1
+        rgb = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
+        self._deliver(CameraFrame(captured_ns, rgb, self._sequence), captured_ns)
+
+    def _next_picture(self) -> NDArray[np.uint8] | None:
+        """The next picture as BGR, or None where there is none to be had."""
+        if self._first is not None:
+            first, self._first = self._first, None
+            return first
+        if not self._capture.grab():
+            return None
+        self._grabbed_ns = self._clock_ns()
+        ok, picture = self._capture.retrieve()
+        return np.asarray(picture, np.uint8) if ok and _is_colour(picture) else None
+
+    def _reopen(self) -> bool:
+        """Try to get the device back until it works (True) or the source is to stop (False)."""
+        self.state, self.detail = SourceState.GONE, "no pictures; trying to reopen"
+        while not self._stopping.wait(_RETRY_S):
+            self._capture.release()
+            self._capture = self._open()
+            if self._capture.isOpened():
+                return True
+        return False
+
+
+def _is_colour(picture: object) -> bool:
+    return isinstance(picture, np.ndarray) and picture.ndim == 3 and picture.shape[2] == 3 and picture.size > 0

@@ -1,0 +1,77 @@
+"""The head camera of the simulated wearer: a kitchen table, six coloured objects, two hands. Drawn with OpenCV."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+# OpenCV hues (0..179) of the six objects, away from the skin's.
+OBJECT_HUES = (37, 67, 97, 113, 142, 172)
+RADIUS = 0.055  # of the picture's height
+SHIFT = 4  # sub-pixel bits for cv2 drawing, so that a small picture shows small movements too
+
+Colour = tuple[int, int, int]
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """The look of one person's kitchen: RGB colours."""
+
+    table: Colour
+    wall: Colour
+    skin: Colour
+    sleeve: Colour
+    objects: tuple[Colour, ...]
+
+    @staticmethod
+    def of_person(rng: np.random.Generator) -> Scene:
+        """Draw table, light and skin; object hues stay recognisable (shift of at most 5 of 180)."""
+        light = rng.uniform(0.75, 1.1)
+        shift = rng.uniform(-5.0, 5.0)
+
+        def rgb(hue: float, saturation: float, value: float) -> Colour:
+            hsv = np.array([[[hue % 180, min(255, saturation), min(255, value * light)]]]).astype(np.uint8)
+            red, green, blue = (int(number) for number in cv2.cvtColor(hsv, cv2.COLOR_HSV2RGB)[0, 0])
+            return red, green, blue
+
+        return Scene(
+            table=rgb(rng.uniform(10, 20), rng.uniform(20, 60), rng.uniform(120, 190)),
+            wall=rgb(rng.uniform(0, 179), rng.uniform(5, 25), rng.uniform(150, 220)),
+            skin=rgb(rng.uniform(6, 12), rng.uniform(80, 130), rng.uniform(120, 220)),
+            sleeve=rgb(rng.uniform(0, 179), rng.uniform(10, 40), rng.uniform(40, 120)),
+            objects=tuple(rgb(hue + shift, 190, 200) for hue in OBJECT_HUES),
+        )
+
+
+def draw(
+    scene: Scene,
+    size_px: tuple[int, int],
+    places: Sequence[tuple[float, float]],
+    scale: Sequence[float],
+    palms: Sequence[tuple[float, float]],
+    sway: tuple[float, float],
+) -> NDArray[np.uint8]:
+    """One picture (height, width, 3) RGB. Places and palms in 0..1 of it, scale per object, head sway added."""
+    width, height = size_px
+    rgb = np.empty((height, width, 3), dtype=np.uint8)
+    edge = int((0.12 + sway[1]) * height)
+    rgb[:edge] = scene.wall
+    rgb[max(0, edge) :] = scene.table
+    unit = 1 << SHIFT
+
+    def point(x: float, y: float) -> tuple[int, int]:
+        return round(x * width * unit), round(y * height * unit)
+
+    for (x, y), factor, colour in zip(places, scale, scene.objects, strict=True):
+        radius = round(RADIUS * factor * height * unit)
+        cv2.circle(rgb, point(x + sway[0], y + sway[1]), radius, colour, -1, cv2.LINE_8, SHIFT)
+    thick = max(1, round(0.07 * height))
+    for side, (x, y) in enumerate(palms):
+        elbow = point((0.15, 0.85)[side], 1.15)
+        cv2.line(rgb, point(x, y), elbow, scene.sleeve, thick, cv2.LINE_8, SHIFT)
+        cv2.circle(rgb, point(x, y), round(0.055 * height * unit), scene.skin, -1, cv2.LINE_8, SHIFT)
+    return rgb
