@@ -1,0 +1,212 @@
+"""One file with all a running bridge needs of a trained predictor: safetensors, and the rest as JSON in its header.
+
+A bundle is input from outside: whatever is wrong with the file ends in one BundleError that names it and the cure.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from safetensors import SafetensorError
+from safetensors.numpy import load, save
+
+from hilbridge.errors import InputError
+from hilbridge.features.layout import LAYOUT_HASH, D
+from hilbridge.intent.calibration import Calibration, Method
+from hilbridge.intent.gru import Weights
+from hilbridge.verbs import VERBS
+
+FORMAT = 1
+MAX_BYTES = 64 << 20
+MAX_HIDDEN = 1024
+MAX_WEIGHT = 1e5
+METADATA_KEY = "hilbridge"
+TENSORS = (
+    "fc_weight",
+    "fc_bias",
+    "input_weight",
+    "input_bias",
+    "hidden_weight",
+    "hidden_bias",
+    "head_weight",
+    "head_bias",
+)
+CURE = "train one with `hilbridge train`, or leave the option out to use the demo bundle"
+
+
+class BundleError(InputError):
+    """The bundle cannot be used; the message names the file, what is wrong and what to do."""
+
+
+@dataclass(frozen=True, slots=True)
+class Thresholds:
+    """The gate's thresholds chosen (or certified) for this predictor, 0 < tau_off < tau_on <= 1."""
+
+    tau_on: float
+    tau_off: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.tau_off < self.tau_on <= 1.0:
+            raise ValueError(f"thresholds tau_on {self.tau_on}, tau_off {self.tau_off}: need 0 < tau_off < tau_on <= 1")
+
+
+@dataclass(frozen=True, slots=True)
+class Bundle:
+    """A trained predictor. mean, std: (D,) training statistics of raw features; bundle_id: 16 bits of its hash."""
+
+    weights: Weights
+    mean: NDArray[np.float32]
+    std: NDArray[np.float32]
+    window_steps: int
+    calibration: Calibration
+    thresholds: Thresholds
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+    bundle_id: int = 0
+
+
+def demo_bundle_path() -> Path:
+    """The bundle that ships with the package, trained on the simulated wearer."""
+    return Path(str(files("hilbridge.intent") / "demo_bundle.safetensors"))
+
+
+def save_bundle(bundle: Bundle, path: Path) -> Path:
+    """Write `bundle` to `path`, whole or not at all."""
+    tensors = {name: np.ascontiguousarray(getattr(bundle.weights, name), dtype=np.float32) for name in TENSORS}
+    tensors["mean"] = np.ascontiguousarray(bundle.mean, dtype=np.float32)
+    tensors["std"] = np.ascontiguousarray(bundle.std, dtype=np.float32)
+    calibration = bundle.calibration
+    metadata = {
+        "format": FORMAT,
+        "layout_hash": LAYOUT_HASH,
+        "verbs": list(VERBS),
+        "window_steps": bundle.window_steps,
+        "calibration": {
+            "method": str(calibration.method),
+            "temperatures": {str(mask): value for mask, value in sorted(calibration.temperatures.items())},
+            "platt": list(calibration.platt),
+            "isotonic_x": list(calibration.isotonic_x),
+            "isotonic_y": list(calibration.isotonic_y),
+        },
+        "thresholds": {"tau_on": bundle.thresholds.tau_on, "tau_off": bundle.thresholds.tau_off},
+        "provenance": dict(bundle.provenance),
+    }
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_name(path.name + ".partial")
+    partial.write_bytes(save(tensors, metadata={METADATA_KEY: json.dumps(metadata, sort_keys=True)}))
+    partial.replace(path)
+    return path
+
+
+def load_bundle(path: Path | str) -> Bundle:
+    """Read and check a bundle. Raises BundleError for any file that is not a whole, matching, finite bundle."""
+    path = Path(path)
+    data = _read(path)
+    metadata = _metadata(path, data)
+    _check_match(path, metadata)
+    try:
+        tensors = load(data)
+    except (SafetensorError, ValueError, KeyError, TypeError, MemoryError) as error:
+        raise BundleError(f"{path}: not a whole safetensors file ({error}); copy it again or {CURE}") from None
+    try:
+        return _assemble(tensors, metadata, int.from_bytes(hashlib.sha256(data).digest()[:2], "big"))
+    except BundleError as error:
+        raise BundleError(f"{path}: {error}; {CURE}") from None
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
+        raise BundleError(f"{path}: unusable bundle ({type(error).__name__}: {error}); {CURE}") from None
+
+
+def _read(path: Path) -> bytes:
+    try:
+        size = path.stat().st_size
+        if not path.is_file():
+            raise BundleError(f"{path}: not a file; {CURE}")
+        if size > MAX_BYTES:
+            raise BundleError(f"{path}: {size} bytes, larger than any bundle ({MAX_BYTES}); {CURE}")
+        return path.read_bytes()
+    except OSError as error:
+        raise BundleError(f"{path}: cannot be read ({error.strerror or error}); {CURE}") from None
+
+
+def _metadata(path: Path, data: bytes) -> dict[str, Any]:
+    """The JSON in the header, read by hand: safetensors gives metadata only from files on disk."""
+    try:
+        (length,) = struct.unpack_from("<Q", data)
+        if length > len(data) - 8:
+            raise ValueError("header is cut off")
+        metadata = json.loads(json.loads(data[8 : 8 + length])["__metadata__"][METADATA_KEY])
+        if not isinstance(metadata, dict):
+            raise ValueError("header is not an object")
+        return metadata
+    except (struct.error, ValueError, KeyError, TypeError, RecursionError) as error:
+        detail = f"{type(error).__name__}: {error}"[:120]
+        raise BundleError(f"{path}: not a hilbridge bundle or truncated ({detail}); copy it again or {CURE}") from None
+
+
+def _check_match(path: Path, metadata: Mapping[str, Any]) -> None:
+    if metadata.get("format") != FORMAT:
+        raise BundleError(f"{path}: bundle format {metadata.get('format')!r}, this version reads {FORMAT}; {CURE}")
+    if metadata.get("layout_hash") != LAYOUT_HASH:
+        raise BundleError(f"{path}: trained on another feature layout than this version's; {CURE}")
+    if metadata.get("verbs") != list(VERBS):
+        raise BundleError(f"{path}: trained on other verbs than this version's; {CURE}")
+
+
+def _assemble(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any], bundle_id: int) -> Bundle:
+    missing = [name for name in (*TENSORS, "mean", "std") if name not in tensors]
+    if missing:
+        raise BundleError(f"tensor {missing[0]} is missing")
+    arrays = {name: np.asarray(tensors[name]) for name in (*TENSORS, "mean", "std")}
+    for name, array in arrays.items():
+        if array.dtype not in (np.float32, np.float16) or array.ndim not in (1, 2) or array.size == 0:
+            raise BundleError(f"tensor {name} is no float32 or float16 vector or matrix")
+        # NaN fails the comparison; a larger weight than this overflows instead of predicting.
+        if not float(np.abs(array.astype(np.float64)).max()) <= MAX_WEIGHT:
+            raise BundleError(f"tensor {name} has a number that is not finite or beyond {MAX_WEIGHT:g}")
+    hidden, inner = arrays["hidden_weight"].shape[-1], arrays["fc_bias"].shape[0]
+    shapes = {
+        "fc_weight": (inner, D),
+        "fc_bias": (inner,),
+        "input_weight": (3 * hidden, inner),
+        "input_bias": (3 * hidden,),
+        "hidden_weight": (3 * hidden, hidden),
+        "hidden_bias": (3 * hidden,),
+        "head_weight": (len(VERBS), hidden),
+        "head_bias": (len(VERBS),),
+        "mean": (D,),
+        "std": (D,),
+    }
+    for name, shape in shapes.items():
+        if arrays[name].shape != shape:
+            raise BundleError(f"tensor {name} has shape {arrays[name].shape}, expected {shape}")
+    if not 0 < hidden <= MAX_HIDDEN or not (arrays["std"] > 0).all():
+        raise BundleError(f"hidden size {hidden} or a standard deviation is out of range")
+    window_steps = metadata["window_steps"]
+    if not isinstance(window_steps, int) or not 2 <= window_steps <= 250:
+        raise BundleError(f"window of {window_steps!r} steps, expected 2 to 250")
+    floats = {name: np.ascontiguousarray(array, dtype=np.float32) for name, array in arrays.items()}
+    raw = metadata["calibration"]
+    return Bundle(
+        Weights(**{name: floats[name] for name in TENSORS}),
+        floats["mean"],
+        floats["std"],
+        window_steps,
+        Calibration(
+            Method(raw["method"]),
+            {int(mask): float(value) for mask, value in raw["temperatures"].items()},
+            (float(raw["platt"][0]), float(raw["platt"][1])),
+            tuple(float(number) for number in raw["isotonic_x"]),
+            tuple(float(number) for number in raw["isotonic_y"]),
+        ),
+        Thresholds(float(metadata["thresholds"]["tau_on"]), float(metadata["thresholds"]["tau_off"])),
+        dict(metadata["provenance"]),
+        bundle_id,
+    )

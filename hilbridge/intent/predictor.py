@@ -1,0 +1,70 @@
+"""FeatureVector in, IntentEstimate out, once per 25 Hz tick (paper, "Inputs and Encoder", "Calibration")."""
+
+from __future__ import annotations
+
+from collections import deque
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hilbridge.features.layout import MODALITY_OF
+from hilbridge.intent.bundle import Bundle
+from hilbridge.intent.gru import StreamingGru
+from hilbridge.records import FeatureVector, IntentEstimate
+
+MIN_USABLE_SHARE = 0.5  # of the window's steps; the paper discards windows with too few valid samples
+Z_LIMIT = 8.0
+
+
+class Predictor:
+    """One stream's belief. A gap in the stream is the caller's to report with `reset`."""
+
+    def __init__(self, bundle: Bundle) -> None:
+        self._bundle = bundle
+        self._engine = StreamingGru(bundle.weights, bundle.window_steps)
+        self._valid: deque[tuple[bool, bool, bool]] = deque(maxlen=bundle.window_steps)
+        self._counts = [0, 0, 0]
+
+    def reset(self) -> None:
+        """Forget the window so far."""
+        self._engine.reset()
+        self._valid.clear()
+        self._counts = [0, 0, 0]
+
+    def step(self, vector: FeatureVector, produced_ns: int) -> IntentEstimate | None:
+        """The belief after this step; None until 2 s are seen or while less than half of them were usable."""
+        self._remember(vector.valid)
+        x = standardise(vector.values, np.array(vector.valid), self._bundle.mean, self._bundle.std)
+        logits = self._engine.step(x, any(vector.valid))
+        if logits is None or self._engine.usable_steps() < MIN_USABLE_SHARE * self._bundle.window_steps:
+            return None
+        probabilities, top, confidence = self._bundle.calibration.apply(logits, self.mask())
+        return IntentEstimate(
+            oldest_input_ns=vector.oldest_input_ns,
+            produced_ns=produced_ns,
+            probabilities=tuple(probabilities.tolist()),
+            verb_index=top,
+            confidence=confidence,
+            bundle_id=self._bundle.bundle_id,
+            valid=vector.valid,
+        )
+
+    def mask(self) -> int:
+        """Bits of the modalities that are valid in at least half of the window: this set's temperature is used."""
+        return sum(1 << bit for bit, count in enumerate(self._counts) if 2 * count >= max(1, len(self._valid)))
+
+    def _remember(self, valid: tuple[bool, bool, bool]) -> None:
+        if len(self._valid) == self._valid.maxlen:
+            for bit, flag in enumerate(self._valid[0]):
+                self._counts[bit] -= flag
+        self._valid.append(valid)
+        for bit, flag in enumerate(valid):
+            self._counts[bit] += flag
+
+
+def standardise(
+    values: NDArray[np.float32], valid: NDArray[np.bool_], mean: NDArray[np.float32], std: NDArray[np.float32]
+) -> NDArray[np.float32]:
+    """z-scores with zeros (the training mean) for invalid modalities: values (..., D), valid (..., 3) -> (..., D)."""
+    z = np.clip((values - mean) / std, -Z_LIMIT, Z_LIMIT)
+    return np.where(valid[..., MODALITY_OF], z, np.float32(0.0)).astype(np.float32, copy=False)

@@ -1,0 +1,55 @@
+import numpy as np
+import pytest
+from scipy.signal import butter, sosfilt
+
+from hilbridge.features.assembler import FeatureAssembler
+from hilbridge.features.layout import STEP_NS
+from hilbridge.intent.tremor import SECTIONS, TremorGuard
+from hilbridge.wearer.person import Tremor, Wearer
+
+
+def flags(seed, seconds, tremor=None):
+    wearer = Wearer(seed, tremor=tremor, width_px=96, height_px=72)
+    assembler, guard = FeatureAssembler(), TremorGuard()
+    made = []
+    for step in range(round(seconds * 25)):
+        t = step * STEP_NS
+        made.append(guard.update(assembler.update(None, None, wearer.hands(t), t)))
+    return np.array(made)
+
+
+def test_the_written_out_filter_is_the_one_it_says():
+    expected = butter(2, [3.0, 11.5], btype="band", fs=25, output="sos")
+    assert np.allclose(SECTIONS, expected)
+    x = np.random.default_rng(0).normal(size=(200, 4))
+    guard = TremorGuard()
+    ours = np.array([guard._band_pass(row) for row in x])
+    assert np.allclose(ours, sosfilt(expected, x, axis=0))
+
+
+@pytest.mark.parametrize("hz", [3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
+def test_tremor_is_seen_within_two_seconds_and_stays_seen(hz):
+    for seed in (21, 22):
+        assert flags(seed, 12, Tremor(hz))[50:].mean() > 0.97
+
+
+def test_calm_reaching_is_not_tremor():
+    calm = np.concatenate([flags(seed, 30) for seed in range(23, 28)])
+    assert calm.mean() < 0.06
+
+
+def test_it_ends_with_the_tremor():
+    assembler, guard = FeatureAssembler(), TremorGuard()
+    shaking, calm = Wearer(29, tremor=Tremor(6.0)), Wearer(29)
+    seen = []
+    for step in range(250):
+        t = step * STEP_NS
+        hands = (shaking if step < 125 else calm).hands(t)
+        seen.append(guard.update(assembler.update(None, None, hands, t)))
+    assert all(seen[60:125])
+    assert not any(seen[165:])
+
+
+def test_thresholds_out_of_order_are_refused():
+    with pytest.raises(ValueError, match="need 0 < off <= on"):
+        TremorGuard(0.001, 0.002)
