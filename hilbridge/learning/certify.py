@@ -1,0 +1,261 @@
+"""A threshold with a finite-sample promise: P(act-only precision at tau_on < target) <= delta (issue 6).
+
+Windows of one person overlap and people differ, so the unit is the cluster (a person, or an independent recording), not
+the window. With e wrong and n acting windows in a cluster, `e - (1 - target) n` has a mean of at least 0 exactly when
+the act-only precision is below target. Each candidate tau is tested for that, in fixed sequences from strict to lax.
+
+- `betting` (default): a mixture of bets against that mean; assumes only that clusters are drawn alike and independently
+  and that none has more windows than the largest allowed for. Keeps its promise, needs some 200 clusters.
+- `cluster_t`: Student's bound on the clusters' mean; assumes their excess errors are near normal. Needs fewer clusters
+  and is violated slightly more often than promised.
+- `clopper_pearson`: treats windows as independent. Here to be seen failing, never to be relied on.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import stats
+
+from hilbridge.learning.metrics import reliability
+
+Floats = NDArray[np.float64]
+Ints = NDArray[np.int64]
+TAUS: tuple[float, ...] = tuple(round(0.98 - 0.02 * step, 2) for step in range(40))
+STARTS = 4
+PILOT = 5
+BETS = np.array([0.2, 0.4, 0.6, 0.8, 0.9, 0.98])
+
+
+class Method(StrEnum):
+    """How the hypothesis `precision is below target` is tested."""
+
+    BETTING = "betting"
+    CLUSTER_T = "cluster_t"
+    CLOPPER_PEARSON = "clopper_pearson"
+
+
+ASSUMES = {
+    Method.BETTING: "clusters are drawn alike and independently; nothing about what happens within one",
+    Method.CLUSTER_T: "clusters are drawn alike and independently, and their mean excess error is near normal",
+    Method.CLOPPER_PEARSON: "every window is independent of every other: false at 25 Hz, shown for comparison only",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Counts:
+    """Per candidate tau (rows, strict to lax) and cluster (columns): acting and wrong windows; `total` per cluster."""
+
+    taus: tuple[float, ...]
+    acting: Ints
+    wrong: Ints
+    total: Ints
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """The answer. tau_on is None when the data cannot support the promise; then `clusters_needed` estimates what would
+    (None: no number would, the observed precision is below target everywhere)."""
+
+    tau_on: float | None
+    precision: float
+    delta: float
+    method: Method
+    clusters: int
+    observed_precision: float
+    coverage: float
+    clusters_needed: int | None
+
+    def lines(self) -> list[str]:
+        """For people."""
+        assumed = f"assumes: {ASSUMES[self.method]}"
+        if self.tau_on is not None:
+            return [
+                f"tau_on {self.tau_on}: P(act-only precision < {self.precision}) <= {self.delta} "
+                f"({self.method}, {self.clusters} clusters)",
+                f"observed act-only precision {self.observed_precision:.3f}, coverage {self.coverage:.3f}",
+                assumed,
+            ]
+        more = (
+            f"about {self.clusters_needed} clusters would do at the precision observed"
+            if self.clusters_needed is not None
+            else "no number of clusters would: the observed precision is below target at every threshold"
+        )
+        return [
+            f"not certified: {self.clusters} clusters cannot support act-only precision {self.precision} "
+            f"at delta {self.delta} ({self.method})",
+            more,
+            assumed,
+        ]
+
+
+def window_counts(confidence: Floats, right: NDArray[np.bool_], cluster: Ints, taus: Sequence[float] = TAUS) -> Counts:
+    """Counts for the paper's basic rule, ACT when confidence >= tau, on every window."""
+    _, place = np.unique(cluster, return_inverse=True)
+    count = int(place.max()) + 1
+    acting = np.stack([np.bincount(place, weights=confidence >= tau, minlength=count) for tau in taus]).astype(int)
+    wrong = np.stack(
+        [np.bincount(place, weights=(confidence >= tau) & ~right, minlength=count) for tau in taus]
+    ).astype(int)
+    return Counts(tuple(taus), acting, wrong, np.bincount(place, minlength=count))
+
+
+def certify(counts: Counts, precision: float, delta: float, method: Method = Method.BETTING) -> Certificate:
+    """The laxest tau that passes. Raises ValueError for a target or delta that is no probability."""
+    for name, value in (("precision", precision), ("delta", delta)):
+        if not 0.0 < value < 1.0:
+            raise ValueError(f"{name} = {value}: must be between 0 and 1")
+    if method is Method.BETTING:
+        passed = _piloted_sequence(counts, precision, delta)
+    else:
+        p_values = _p_values(counts, slice(None), precision, method)
+        passed = _fixed_sequences(p_values, delta)
+    clusters = counts.acting.shape[1]
+    if not passed:
+        needed = _clusters_needed(counts, precision, delta, method)
+        return Certificate(None, precision, delta, method, clusters, float("nan"), 0.0, needed)
+    best = max(passed, key=lambda row: int(counts.acting[row].sum()))
+    acting, wrong = int(counts.acting[best].sum()), int(counts.wrong[best].sum())
+    coverage = acting / int(counts.total.sum())
+    return Certificate(counts.taus[best], precision, delta, method, clusters, 1.0 - wrong / acting, coverage, clusters)
+
+
+def _p_values(counts: Counts, clusters: slice, precision: float, method: Method) -> list[float]:
+    """One p-value per candidate tau, from some of the clusters."""
+    return [
+        _TESTS[method](acting[clusters], wrong[clusters], counts.total[clusters], precision)
+        for acting, wrong in zip(counts.acting, counts.wrong, strict=True)
+    ]
+
+
+def _piloted_sequence(counts: Counts, precision: float, delta: float) -> list[int]:
+    """One sequence with all of delta, tested on four fifths of the clusters from where the other fifth looks best.
+
+    Bets need many clusters, so none of delta is to be wasted on starts without a chance; clusters that chose the start
+    must not be tested on.
+    """
+    pilots = max(1, counts.acting.shape[1] // PILOT)
+    promise = _p_values(counts, slice(0, pilots), precision, Method.BETTING)
+    # Without a pilot that promises anything, start at the strictest tau.
+    start = int(np.argmin(promise)) if min(promise) < 1.0 else 0
+    passed = []
+    for row, p_value in enumerate(_p_values(counts, slice(pilots, None), precision, Method.BETTING)):
+        if row >= start:
+            if p_value > delta:
+                break
+            passed.append(row)
+    return passed
+
+
+def _fixed_sequences(p_values: Sequence[float], delta: float) -> list[int]:
+    """Rows passed by fixed-sequence testing from several starts, each with its share of delta.
+
+    A sequence goes from strict to lax and ends at its first failure. One start at the strictest tau alone would mostly
+    die there, where hardly anything acts; a sequence that passes all the way hands its share on to the next.
+    """
+    count = len(p_values)
+    bounds = [round(start * count / STARTS) for start in range(STARTS + 1)]
+    passed: list[int] = []
+    budget = 0.0
+    for start, stop in pairwise(bounds):
+        budget += delta / STARTS
+        rows = range(start, stop)
+        survived = [row for row in rows if all(p_values[before] <= budget for before in range(start, row + 1))]
+        passed.extend(survived)
+        if len(survived) < len(rows):
+            budget = 0.0
+    return passed
+
+
+def betting_p_value(acting: Ints, wrong: Ints, total: Ints, precision: float) -> float:
+    """1 / wealth of a uniform mixture of fixed bets against `mean(wrong - (1 - precision) acting) >= 0`.
+
+    Each cluster's stake factor 1 - bet * x / x_max is non-negative with a mean of at most 1 under that hypothesis, so
+    by Markov's inequality the wealth exceeds 1 / delta with a chance of at most delta.
+    """
+    excess = (wrong - (1.0 - precision) * acting) / (precision * float(total.max()))
+    log_wealth = np.log1p(-BETS[:, None] * excess[None, :]).sum(axis=1)
+    highest = float(log_wealth.max())
+    wealth = np.exp(log_wealth - highest).mean()
+    return float(min(1.0, np.exp(-highest) / wealth))
+
+
+def cluster_t_p_value(acting: Ints, wrong: Ints, total: Ints, precision: float) -> float:
+    """Student's one-sided p-value of the same hypothesis over clusters."""
+    excess = wrong - (1.0 - precision) * acting
+    spread = float(excess.std(ddof=1)) if len(excess) > 1 else 0.0
+    if spread == 0.0:
+        return 1.0
+    statistic = float(excess.mean()) / (spread / np.sqrt(len(excess)))
+    return float(stats.t.cdf(statistic, df=len(excess) - 1))
+
+
+def clopper_pearson_p_value(acting: Ints, wrong: Ints, total: Ints, precision: float) -> float:
+    """The binomial p-value that takes every window for an independent one."""
+    n, k = int(acting.sum()), int(wrong.sum())
+    return float(stats.binom.cdf(k, n, 1.0 - precision)) if n else 1.0
+
+
+_TESTS: dict[Method, Callable[[Ints, Ints, Ints, float], float]] = {
+    Method.BETTING: betting_p_value,
+    Method.CLUSTER_T: cluster_t_p_value,
+    Method.CLOPPER_PEARSON: clopper_pearson_p_value,
+}
+
+
+def _clusters_needed(counts: Counts, precision: float, delta: float, method: Method) -> int | None:
+    """Clusters like these until the most promising tau would pass with its share of delta."""
+    promising = [row for row in range(len(counts.taus)) if _observed(counts, row) > precision]
+    if not promising:
+        return None
+    clusters = counts.acting.shape[1]
+    share = delta if method is Method.BETTING else delta / STARTS
+    for factor in (1.25, 1.5, 2.0, 3.0, 4.0, 6.0, 8.0, 12.0, 16.0, 24.0, 32.0, 64.0, 128.0, 256.0):
+        size: int = round(clusters * factor)
+        tested = np.resize(np.arange(clusters), size - size // PILOT if method is Method.BETTING else size)
+        total = counts.total[tested]
+        for row in promising:
+            if _TESTS[method](counts.acting[row][tested], counts.wrong[row][tested], total, precision) <= share:
+                return size
+    return None
+
+
+def _observed(counts: Counts, row: int) -> float:
+    acting = int(counts.acting[row].sum())
+    return 1.0 - int(counts.wrong[row].sum()) / acting if acting else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class RegionBound:
+    """The paper's bound on the region {confidence >= tau}: AOP >= mean confidence - epsilon >= tau - epsilon.
+
+    epsilon is the largest gap between confidence and accuracy among the region's bins, as observed (no guarantee).
+    """
+
+    tau: float
+    epsilon: float
+    mean_confidence: float
+    observed: float
+
+    def lines(self) -> list[str]:
+        """For people."""
+        return [
+            f"the paper's bound at tau {self.tau}: AOP {self.observed:.3f} >= mean confidence {self.mean_confidence:.3f} "
+            f"- epsilon {self.epsilon:.3f} = {self.mean_confidence - self.epsilon:.3f} >= tau - epsilon = "
+            f"{self.tau - self.epsilon:.3f} (epsilon as observed: no finite-sample guarantee)"
+        ]
+
+
+def region_bound(confidence: Floats, right: NDArray[np.bool_], tau: float, bins: int = 15) -> RegionBound | None:
+    """The region form of the paper's bound, or None where nothing reaches tau."""
+    inside = confidence >= tau
+    if not inside.any():
+        return None
+    made = reliability(confidence[inside], right[inside], bins)
+    epsilon = max(abs(part.confidence - part.accuracy) for part in made)
+    return RegionBound(tau, epsilon, float(confidence[inside].mean()), float(right[inside].mean()))

@@ -1,0 +1,130 @@
+"""Streams of features from simulated wearers: the demo bundle's training set and the synthetic benchmark.
+
+A stream runs through the very FeatureAssembler that runs live; only the pictures are smaller (72 rows: what the scene
+features shrink any picture to), so there is no second feature path that could differ.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, fields
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from hilbridge.features.assembler import FeatureAssembler
+from hilbridge.features.layout import LAYOUT_HASH, STEP_NS, D
+from hilbridge.wearer.person import Tremor, Wearer
+from hilbridge.wearer.timeline import Difficulty, bayes_posterior, statistics
+
+
+@dataclass(frozen=True, slots=True)
+class Stream:
+    """One person's features at 25 Hz and what was really going on.
+
+    values (N, D) float32 raw; valid (N, 3) bool; label (N,) the intended verb, or the following one when idle;
+    current (N,) the verb under way or -1; event (N,) the action that `label` belongs to, -1 idle; busy_steps (N,) steps
+    since the intention formed, -1 idle; onset_steps (N,) steps until the following action begins; bayes (N, K) the best
+    possible belief given what the event shows (the prior when idle).
+    """
+
+    subject: NDArray[np.int64]
+    values: NDArray[np.float32]
+    valid: NDArray[np.bool_]
+    label: NDArray[np.int64]
+    current: NDArray[np.int64]
+    event: NDArray[np.int64]
+    busy_steps: NDArray[np.int64]
+    onset_steps: NDArray[np.int64]
+    bayes: NDArray[np.float32]
+
+    def __len__(self) -> int:
+        return len(self.label)
+
+
+def record(
+    seed: int, difficulty: Difficulty, seconds: float, tremor: Tremor | None = None, only_before_onsets: bool = False
+) -> Stream:
+    """`seconds` of the person `seed` at 25 Hz.
+
+    only_before_onsets: leave out (invalid, zero) every step that no window ending 0.5 to 1 s before an onset looks at,
+    which nearly halves the work for a training set.
+    """
+    wearer = Wearer(seed, difficulty=difficulty, tremor=tremor, width_px=96, height_px=72)
+    assembler = FeatureAssembler()
+    steps = round(seconds * 1e9 / STEP_NS)
+    prior = statistics().prior
+    stream = Stream(
+        np.full(steps, seed),
+        np.zeros((steps, D), dtype=np.float32),
+        np.zeros((steps, 3), dtype=bool),
+        np.full(steps, -1),
+        np.full(steps, -1),
+        np.full(steps, -1),
+        np.full(steps, -1),
+        np.full(steps, -1),
+        np.zeros((steps, len(prior)), dtype=np.float32),
+    )
+    for step in range(steps):
+        t_ns = step * STEP_NS
+        truth = wearer.truth(t_ns)
+        onset_steps = (truth.onset_ns - t_ns) // STEP_NS
+        if only_before_onsets and not 12 <= onset_steps <= 90:
+            stream.onset_steps[step] = onset_steps
+            continue
+        vector = assembler.update(wearer.frame(t_ns), wearer.gaze(t_ns), wearer.hands(t_ns), t_ns)
+        stream.values[step] = vector.values
+        stream.valid[step] = vector.valid
+        stream.label[step] = truth.following if truth.intended is None else truth.intended
+        stream.current[step] = -1 if truth.current is None else truth.current
+        stream.onset_steps[step] = onset_steps
+        busy = wearer.busy_with(t_ns)
+        stream.bayes[step] = prior
+        if busy is not None:
+            stream.event[step] = busy.index
+            stream.busy_steps[step] = (t_ns - busy.prepare_ns) // STEP_NS
+            stream.bayes[step] = bayes_posterior(busy.shown, busy.clarity, prior)
+    return stream
+
+
+def join(streams: Iterable[Stream]) -> Stream:
+    """Several people one after the other (a window must not cross from one to the next: see `subject`)."""
+    parts = list(streams)
+    return Stream(*(np.concatenate([getattr(part, field.name) for part in parts]) for field in fields(Stream)))
+
+
+def record_people_with(seeds: Iterable[int], difficulty: Difficulty, seconds: float, tremor: Tremor | None) -> Stream:
+    """Streams of many people who may have a tremor (not kept: these are few and short)."""
+    return join(record(seed, difficulty, seconds, tremor) for seed in seeds)
+
+
+def record_people(
+    seeds: Iterable[int],
+    difficulty: Difficulty,
+    seconds: float,
+    cache: Path | None = None,
+    progress: Callable[[], None] = lambda: None,
+    only_before_onsets: bool = False,
+) -> Stream:
+    """Streams of many people, kept in `cache` (one npz per person) so that an interrupted run goes on where it was."""
+    parts = []
+    for seed in seeds:
+        path = (
+            None
+            if cache is None
+            else cache / f"{difficulty.name}{'-onsets' * only_before_onsets}-{seed}-{seconds:g}s-{LAYOUT_HASH[:12]}.npz"
+        )
+        if path is not None and path.is_file():
+            with np.load(path) as stored:
+                part = Stream(*(stored[field.name] for field in fields(Stream)))
+        else:
+            part = record(seed, difficulty, seconds, None, only_before_onsets)
+            if path is not None:
+                path.parent.mkdir(parents=True, exist_ok=True)
+                partial = path.with_suffix(".partial.npz")
+                np.savez_compressed(partial, **{field.name: getattr(part, field.name) for field in fields(Stream)})
+                partial.replace(path)
+        parts.append(part)
+        progress()
+    return join(parts)

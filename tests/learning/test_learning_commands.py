@@ -1,0 +1,57 @@
+import numpy as np
+import pytest
+
+pytest.importorskip("sklearn")
+pytest.importorskip("torch")
+
+from hilbridge.intent.bundle import BundleError, demo_bundle_path, load_bundle
+from hilbridge.learning.certify import Method
+from hilbridge.learning.commands import GATE_TAUS, CertifyConfig, certify_bundle, gate_counts
+from hilbridge.learning.synthetic import record_people
+from hilbridge.wearer.timeline import DEMO
+
+
+def test_a_bundle_is_certified_through_the_gate_and_written(tmp_path):
+    config = CertifyConfig(
+        demo_bundle_path(),
+        precision=0.3,
+        delta=0.3,
+        method=Method.CLUSTER_T,
+        people=12,
+        seconds=16.0,
+        write=tmp_path / "certified.safetensors",
+    )
+    result = certify_bundle(config)
+    assert result.certificate.clusters == 12
+    assert result.certificate.tau_on in GATE_TAUS
+    assert result.written is not None
+    bundle = load_bundle(result.written)
+    assert bundle.thresholds.tau_on == result.certificate.tau_on
+    assert bundle.provenance["certificate"]["method"] == "cluster_t"
+    text = " ".join(result.lines())
+    assert "assumes" in text
+    assert "epsilon" in text
+
+
+def test_too_few_people_are_not_certified_and_nothing_is_written(tmp_path):
+    out = tmp_path / "none.safetensors"
+    result = certify_bundle(CertifyConfig(demo_bundle_path(), people=5, seconds=8.0, write=out))
+    assert result.certificate.tau_on is None
+    assert not out.exists()
+    assert "not certified" in result.lines()[0]
+
+
+def test_wrong_settings_are_named(tmp_path):
+    with pytest.raises(BundleError, match="absent"):
+        certify_bundle(CertifyConfig(tmp_path / "absent"))
+    with pytest.raises(ValueError, match="wearer 'x'"):
+        certify_bundle(CertifyConfig(demo_bundle_path(), wearer="x"))
+    with pytest.raises(ValueError, match="comparison only"):
+        certify_bundle(CertifyConfig(demo_bundle_path(), method=Method.CLOPPER_PEARSON, write=tmp_path / "w"))
+
+
+def test_silence_never_acts():
+    people = record_people([70], DEMO, 4.0)
+    counts = gate_counts([None] * len(people), people)
+    assert counts.acting.sum() == 0
+    assert np.array_equal(counts.total, [100])

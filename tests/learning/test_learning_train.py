@@ -1,0 +1,124 @@
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+torch = pytest.importorskip("torch")
+
+from hilbridge.core.gate import GateConfig  # noqa: E402
+from hilbridge.features.layout import STEP_NS  # noqa: E402
+from hilbridge.intent.bundle import demo_bundle_path, load_bundle  # noqa: E402
+from hilbridge.intent.calibration import ALL_VALID, Method  # noqa: E402
+from hilbridge.intent.predictor import Predictor  # noqa: E402
+from hilbridge.learning.demo import TrainConfig, replay_bundle, train  # noqa: E402
+from hilbridge.learning.replay import estimates, replay, stream_logits  # noqa: E402
+from hilbridge.learning.synthetic import Stream, record, record_people  # noqa: E402
+from hilbridge.learning.train import Recipe, class_weights, fit_network  # noqa: E402
+from hilbridge.learning.windows import STEPS, Statistics, gather, onset_ends, window_ends  # noqa: E402
+from hilbridge.records import FeatureVector, Modality  # noqa: E402
+from hilbridge.verbs import VERBS  # noqa: E402
+from hilbridge.wearer.timeline import DEMO  # noqa: E402
+
+SMALL = Recipe(hidden=16, inner=8, epochs=3, windows_per_epoch=256, seed=4)
+
+
+@pytest.fixture(scope="module")
+def people() -> Stream:
+    return record_people(range(5_000, 5_003), DEMO, 20.0)
+
+
+def test_windows_stay_with_one_person_and_end_where_they_say(people):
+    ends = window_ends(people)
+    assert len(ends) == 3 * (500 - STEPS + 1)
+    x, usable = gather(people, ends[:2], Statistics(np.zeros(55, np.float32), np.ones(55, np.float32)))
+    assert x.shape == (2, STEPS, 55)
+    assert usable.all()
+    assert x[0, -1] == pytest.approx(np.clip(people.values[ends[0]], -8, 8))
+    assert (people.onset_steps[onset_ends(people)] == 13).all()
+
+
+def test_modality_dropout_drops_whole_modalities_of_some_windows(people):
+    ends = window_ends(people)[:400]
+    statistics = Statistics(np.zeros(55, np.float32), np.ones(55, np.float32))
+    x, usable = gather(people, ends, statistics, rng=np.random.default_rng(0), dropout=0.5)
+    gaze_gone = (x[:, :, 2] == 0).all(axis=1)
+    scene_gone = (x[:, :, 15:35] == 0).all(axis=(1, 2))
+    assert 0.15 < gaze_gone.mean() < 0.45
+    assert 0.15 < scene_gone.mean() < 0.45
+    assert usable.any(axis=1).all()
+
+
+def test_class_weights_are_taken_back_by_the_offset():
+    labels = np.array([0] * 90 + [1] * 10)
+    weights = class_weights(labels, 1.0)
+    assert weights[labels].mean() == pytest.approx(1.0)
+    assert weights[1] / weights[0] == pytest.approx(91 / 11)
+    assert class_weights(labels, 0.0) == pytest.approx(np.ones(len(VERBS)))
+
+
+def test_training_learns_is_seeded_and_resumes_to_the_same_network(people, tmp_path):
+    whole = fit_network(SMALL, people, people, tmp_path / "whole")
+    assert whole.history[-1]["loss"] < whole.history[0]["loss"]
+    # Stop after one epoch as an interruption would: the checkpoint says epoch 0, the recipe is the same.
+    folder = tmp_path / "cut"
+    fit_network(SMALL, people, people, folder, stop_after=1)
+    resumed = fit_network(SMALL, people, people, folder)
+    assert [row["validation_nll"] for row in resumed.history] == [row["validation_nll"] for row in whole.history]
+    for name, value in whole.network.state_dict().items():
+        assert torch.equal(value, resumed.network.state_dict()[name])
+    assert (folder / "train.csv").read_text().splitlines()[0] == "epoch,loss,validation_nll,top1"
+    other = fit_network(replace(SMALL, seed=5), people, people, folder)
+    assert other.history[0]["loss"] != whole.history[0]["loss"]
+
+
+def test_replay_judges_what_the_live_chain_would_have_done(people):
+    bundle = load_bundle(demo_bundle_path())
+    logits = stream_logits(bundle.weights, people, Statistics(bundle.mean, bundle.std))
+    assert np.isnan(logits[::500]).all()
+    beliefs = estimates(logits, bundle.calibration, ALL_VALID)
+    predictor = Predictor(bundle)
+    for index in range(500):
+        live = predictor.step(
+            FeatureVector(0, 0, people.values[index], tuple(bool(flag) for flag in people.valid[index])), 0
+        )
+        offline = beliefs[index]
+        assert (live is None) == (offline is None)
+        if live is not None and offline is not None and predictor.mask() == ALL_VALID:
+            assert live.confidence == pytest.approx(offline.confidence, abs=1e-9)
+    result = replay(GateConfig(tau_on=0.5, tau_off=0.3), beliefs, people)
+    assert (result.verb[result.acting] >= 0).all()
+    assert not result.right[~result.acting].any()
+    never = replay(GateConfig(tau_on=1.0, tau_off=0.9), beliefs, people)
+    assert never.coverage == 0.0
+    assert np.isnan(never.act_only_precision)
+
+
+def test_the_demo_bundle_keeps_its_promise_on_people_it_has_never_seen():
+    strangers = record_people(range(90, 98), DEMO, 40.0)
+    figures = replay_bundle(load_bundle(demo_bundle_path()), strangers)
+    assert figures["act_only_precision"] >= 0.8
+    assert figures["coverage"] >= 0.1
+
+
+def test_train_writes_a_bundle_that_runs(tmp_path):
+    recipe = replace(SMALL, epochs=1)
+    config = TrainConfig(
+        tmp_path / "b.safetensors", tmp_path / "work", people=8, seconds=20.0, precision=0.0, recipe=recipe
+    )
+    bundle = load_bundle(train(config))
+    assert bundle.calibration.method is Method.ISOTONIC
+    assert json.loads(json.dumps(dict(bundle.provenance)))["people"] == 8
+    with pytest.raises(ValueError, match="wearer 'nobody'"):
+        train(replace(config, wearer="nobody"))
+    with pytest.raises(ValueError, match="people = 3"):
+        train(replace(config, people=3))
+
+
+def test_recording_is_the_same_from_cache(tmp_path):
+    fresh = record_people([6_000], DEMO, 3.0, tmp_path)
+    stored = record_people([6_000], DEMO, 3.0, tmp_path)
+    assert (fresh.values == stored.values).all()
+    assert (stored.label == record(6_000, DEMO, 3.0).label).all()
+    assert STEP_NS == 40_000_000
+    assert Modality.GAZE == 0
