@@ -1,0 +1,177 @@
+"""Measurements of this machine, each a ratio within one run or a percentile; nothing is asserted here."""
+
+from __future__ import annotations
+
+import importlib.util
+import resource
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+
+from hilbridge.core.bridge import Bridge, BridgeConfig
+from hilbridge.core.gate import GateConfig
+from hilbridge.features.layout import D
+from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
+from hilbridge.intent.predictor import Predictor
+from hilbridge.intent.tremor import TremorGuard
+from hilbridge.observe.summary import percentile
+from hilbridge.records import FeatureVector
+from hilbridge.runtime.health import SensorSeen
+from hilbridge.runtime.node import BridgeNode
+from hilbridge.wire.codec import Codec
+from hilbridge.wire.link import WireLink
+from hilbridge.wire.secoc import DEMO_KEY, Authenticator
+
+MS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class BenchResult:
+    """predict_step: one 25 Hz step of the numpy engine, features in, calibrated estimate out. torch_window: torch's
+    forward pass over the whole 2 s window (None without torch). tick_overhead: everything of a tick but prediction.
+    """
+
+    predict_step_ms_p50: float
+    torch_window_ms_p50: float | None
+    predict_ratio: float | None
+    tick_overhead_ms_p99: float
+    wire_encode_us: float
+    wire_decode_us: float
+    import_s: float
+    rss_mb: float
+
+    def as_json(self) -> dict[str, Any]:
+        return {name: None if v is None else round(v, 4) for name, v in asdict(self).items()}
+
+
+def run_bench(repeats: int = 400, show: Callable[[str], None] = lambda text: None) -> BenchResult:
+    """Measure all of it; takes some ten seconds."""
+    show("importing in a fresh process")
+    import_s = _import_s()
+    bundle = load_bundle(demo_bundle_path())
+    show("prediction against torch's full window, in turn")
+    step_ms, window_ms = _prediction_ms(bundle, repeats)
+    show("tick and codec")
+    overhead_ms = _tick_overhead_ms(bundle, repeats)
+    encode_us, decode_us = _codec_us(repeats * 10)
+    step = percentile(step_ms, 0.5) or 0.0
+    window = percentile(window_ms, 0.5)
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return BenchResult(
+        predict_step_ms_p50=step,
+        torch_window_ms_p50=window,
+        predict_ratio=None if window is None else step / window,
+        tick_overhead_ms_p99=percentile(overhead_ms, 0.99) or 0.0,
+        wire_encode_us=encode_us,
+        wire_decode_us=decode_us,
+        import_s=import_s,
+        rss_mb=peak / (1e6 if sys.platform == "darwin" else 1e3),
+    )
+
+
+def _vectors(count: int) -> list[FeatureVector]:
+    rng = np.random.default_rng(0)
+    values = rng.normal(0.5, 0.2, (count, D)).astype(np.float32)
+    return [FeatureVector(k * 40 * MS, k * 40 * MS, values[k], (True, True, True)) for k in range(count)]
+
+
+def _prediction_ms(bundle: Bundle, repeats: int) -> tuple[list[float], list[float]]:
+    """Both in turn, so that a machine whose speed drifts treats them alike."""
+    predictor = Predictor(bundle)
+    vectors = _vectors(repeats + 60)
+    for vector in vectors[:60]:
+        predictor.step(vector, vector.captured_ns)
+    window = _torch_window(bundle) if importlib.util.find_spec("torch") else None
+    steps, windows = [], []
+    for vector in vectors[60:]:
+        begin = time.perf_counter()
+        predictor.step(vector, vector.captured_ns)
+        steps.append((time.perf_counter() - begin) * 1e3)
+        if window is not None:
+            begin = time.perf_counter()
+            window()
+            windows.append((time.perf_counter() - begin) * 1e3)
+    return steps, windows
+
+
+def _torch_window(bundle: Bundle) -> Callable[[], object]:
+    """Torch's forward pass of the same network over one window: what running it with torch would cost each tick."""
+    import torch
+
+    torch.set_num_threads(1)  # as the numpy engine runs; more would spin on a loaded machine
+
+    from hilbridge.learning.network import GruNetwork
+
+    network = GruNetwork(hidden=bundle.weights.hidden_size).eval()
+    x, usable = torch.randn(1, bundle.window_steps, D), torch.ones(1, bundle.window_steps)
+
+    def forward() -> object:
+        with torch.inference_mode():
+            return network(x, usable)
+
+    forward()
+    return forward
+
+
+def _tick_overhead_ms(bundle: Bundle, repeats: int) -> list[float]:
+    class Echo:
+        def __init__(self) -> None:
+            self.inner = Predictor(bundle)
+            self.spent_s = 0.0
+
+        def step(self, vector: FeatureVector, produced_ns: int) -> Any:
+            begin = time.perf_counter()
+            estimate = self.inner.step(vector, produced_ns)
+            self.spent_s += time.perf_counter() - begin
+            return estimate
+
+        def reset(self) -> None:
+            self.inner.reset()
+
+    predict = Echo()
+    wire = WireLink(Codec())
+    bridge = Bridge(wire, Authenticator(DEMO_KEY), lambda: 1, BridgeConfig(), lambda: wire.counters)
+    node = BridgeNode(predict, GateConfig(0.8, 0.6), bridge, wire, bundle.bundle_id, TremorGuard())
+    spent = []
+    for vector in _vectors(repeats):
+        now_ns = vector.captured_ns + 5 * MS
+        seen = SensorSeen("camera", True, vector.captured_ns, vector.captured_ns, 120 * MS, 150 * MS)
+        predict.spent_s = 0.0
+        begin = time.perf_counter()
+        node.tick(vector, (seen,), now_ns)
+        spent.append((time.perf_counter() - begin - predict.spent_s) * 1e3)
+    return spent
+
+
+def _codec_us(repeats: int) -> tuple[float, float]:
+    wire, peer = WireLink(Codec()), WireLink(Codec(), node="CONTROLLER")
+    command: dict[str, int | float | str] = {
+        "Gate": "Act",
+        "Verb": "Take",
+        "Confidence": 93,
+        "Session": 7,
+        "Echo": 9,
+        "SensingAge": 40,
+    }
+    begin = time.perf_counter()
+    frames = [wire.encode("ACT_CMD", command) for _ in range(repeats)]
+    encode = time.perf_counter() - begin
+    begin = time.perf_counter()
+    for frame in frames:
+        peer.decode(frame)
+    return encode / repeats * 1e6, (time.perf_counter() - begin) / repeats * 1e6
+
+
+def _import_s() -> float:
+    """Time in which a fresh interpreter gets as far as a running bridge needs, less the bare interpreter's own."""
+    times = []
+    for code in ("pass", "import hilbridge.session, hilbridge.runtime.senses"):
+        begin = time.perf_counter()
+        subprocess.run([sys.executable, "-c", code], check=True)
+        times.append(time.perf_counter() - begin)
+    return times[1] - times[0]

@@ -1,0 +1,123 @@
+"""bridge.toml -> one frozen configuration. Unknown keys are refused; every error names the file and the key.
+
+What the command line gives wins over the file. No value here switches a watchdog off: limits that guard the wearer can
+only be made tighter than the contract's.
+"""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from pathlib import Path
+from typing import Annotated
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+
+from hilbridge.errors import InputError
+
+
+class _Part(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
+
+
+class SensorsConfig(_Part):
+    """Where pictures and gaze come from, and how long each may be silent before the bridge holds."""
+
+    camera: str | None = Field(None, description="device index, video file, or rtsp:// URL")
+    gaze: str | None = Field(None, description="Neon recording folder, BeGaze .txt, or .csv")
+    hands: bool = Field(True, description="find hands with MediaPipe (extra `hands`)")
+    hand_model: str | None = Field(None, description="hand_landmarker.task; default: the user's data folder")
+    loop: bool = Field(False, description="start a recording again at its end")
+    camera_timeout_ms: Annotated[int, Field(gt=0, le=150)] = 120
+    gaze_timeout_ms: Annotated[int, Field(gt=0, le=150)] = 120
+    freeze_ms: Annotated[int, Field(gt=0, le=500, description="identical pictures for so long are a frozen camera")] = (
+        150
+    )
+
+
+class ModelConfig(_Part):
+    """The bundle to predict with."""
+
+    bundle: str | None = Field(None, description="a .safetensors bundle; default: the one that ships")
+
+
+class GateSection(_Part):
+    """The gate (paper, E5). Thresholds left out come from the bundle."""
+
+    tau_on: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
+    tau_off: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
+    alpha: Annotated[float, Field(gt=0.0, le=1.0)] = 0.2
+    top_k: Annotated[int, Field(ge=1, le=21)] = 3
+    refractory_ms: Annotated[int, Field(ge=0, le=10_000)] = 240
+    max_age_ms: Annotated[int, Field(gt=0, le=150)] = 150
+
+    @model_validator(mode="after")
+    def _band(self) -> GateSection:
+        if self.tau_on is not None and self.tau_off is not None and self.tau_off >= self.tau_on:
+            raise ValueError(f"tau_off = {self.tau_off} must be below tau_on = {self.tau_on}")
+        return self
+
+
+class BusConfig(_Part):
+    """The bus. On a physical bus the bridge listens only until `arm` is set."""
+
+    spec: str = Field("auto", description="auto, vcan0, can0, or any python-can interface:channel")
+    dbc: str | None = Field(None, description="DBC file; default: the one that ships")
+    key_file: str | None = Field(
+        None, description="16-byte key as hex, mode 0600; default: the demo key (virtual only)"
+    )
+    listen_only: bool | None = Field(None, description="default: true on a physical bus, false on a virtual one")
+    arm: bool = Field(False, description="may send ACT on a physical bus")
+
+
+class Config(_Part):
+    """Everything the bridge can be told."""
+
+    sensors: SensorsConfig = SensorsConfig()
+    model: ModelConfig = ModelConfig()
+    gate: GateSection = GateSection()
+    bus: BusConfig = BusConfig()
+
+
+def load_config(path: Path | None, overrides: dict[str, dict[str, object]] | None = None) -> Config:
+    """Read a TOML file (None: defaults) and lay `overrides` (section -> key -> value, None skipped) over it.
+
+    Raises InputError with one line: file, key, value, cure.
+    """
+    name = str(path) if path else "command line"
+    data: dict[str, object] = {}
+    if path is not None:
+        try:
+            data = tomllib.loads(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            raise InputError(
+                f"config {path}: no such file; write one (docs/configuration.md) or leave --config out"
+            ) from None
+        except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+            raise InputError(f"config {path}: not readable as TOML: {error}") from None
+    for section, values in (overrides or {}).items():
+        given = {key: value for key, value in values.items() if value is not None}
+        table = data.get(section, {})
+        if given and isinstance(table, dict):
+            data[section] = {**table, **given}
+    try:
+        return Config.model_validate(data)
+    except ValidationError as error:
+        raise InputError(f"config {name}: {_one_line(error)}") from None
+
+
+def _one_line(error: ValidationError) -> str:
+    first = error.errors()[0]
+    key = ".".join(str(part) for part in first["loc"])
+    if first["type"] == "extra_forbidden":
+        parent: type[BaseModel] = Config
+        for part in first["loc"][:-1]:
+            annotation = parent.model_fields[str(part)].annotation
+            assert isinstance(annotation, type)
+            parent = annotation
+        near = difflib.get_close_matches(str(first["loc"][-1]), parent.model_fields, n=1)
+        known = f"did you mean `{near[0]}`?" if near else f"known here: {', '.join(parent.model_fields)}"
+        return f"unknown key `{key}`; {known}"
+    value = first["input"]
+    shown = "" if isinstance(value, dict) else f" = {value!r}"
+    return f"`{key}`{shown}: {first['msg']}" if key else str(first["msg"])

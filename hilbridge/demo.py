@@ -1,0 +1,128 @@
+"""The demo: a simulated wearer in front of the bridge, a simulated device in a process of its own behind the bus."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import queue
+import subprocess
+import sys
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from hilbridge.bus.spec import parse_spec
+from hilbridge.config import BusConfig, Config
+from hilbridge.errors import InputError
+from hilbridge.runtime.assemble import read_parts
+from hilbridge.runtime.live import LiveBridge
+from hilbridge.runtime.simulated_senses import SimulatedSenses
+from hilbridge.session import Outcome, Progress, run_bridge
+from hilbridge.verbs import VERBS
+from hilbridge.wearer.person import Tremor, Wearer
+
+DEMO_SEED = 3  # a person the shipped bundle was not trained on
+_DEVICE_START_S = 30.0
+
+
+@dataclass(frozen=True, slots=True)
+class DemoOptions:
+    """seconds: length. seed: which person and session. tremor_hz: 0 for none. out: folder for what it leaves behind."""
+
+    seconds: float
+    out: Path
+    bus: str = "auto"
+    seed: int = DEMO_SEED
+    tremor_hz: float = 0.0
+
+
+class DeviceProcess:
+    """`firmware-sim` as a child process: started, awaited until it is on the bus, stopped, its last word read."""
+
+    def __init__(self, bus: str, log: Path) -> None:
+        command = [sys.executable, "-m", "firmware_sim.node", "--bus", bus, "--json-log", str(log)]
+        self.summary: dict[str, Any] = {}
+        self._lines: queue.Queue[str | None] = queue.Queue()
+        self._process = subprocess.Popen(
+            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        )
+        threading.Thread(target=self._read, daemon=True).start()
+        line = self._next_line(_DEVICE_START_S)
+        if line is None or "ready" not in line:
+            self._process.kill()
+            _, errors = self._process.communicate()
+            said = (errors or "").strip().splitlines()
+            raise InputError(f"the simulated device did not start: {said[-1] if said else 'it said nothing'}")
+
+    def stop(self) -> None:
+        """Ask it to end and read its summary; kill it when it does not answer."""
+        self._process.terminate()
+        while (line := self._next_line(5.0)) is not None:
+            if line.startswith("firmware-sim done "):
+                self.summary = json.loads(line.removeprefix("firmware-sim done "))
+        try:
+            self._process.wait(5.0)
+        except subprocess.TimeoutExpired:
+            self._process.kill()
+            self._process.wait()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            self._lines.put(line)
+        self._lines.put(None)
+
+    def _next_line(self, timeout_s: float) -> str | None:
+        try:
+            return self._lines.get(timeout=timeout_s)
+        except queue.Empty:
+            return None
+
+
+def run_demo(options: DemoOptions, progress: Progress = lambda seconds, row: None) -> Outcome:
+    """Run it and write recording and report into `options.out`. Raises InputError when something cannot be opened."""
+    bus = parse_spec(options.bus)
+    # A simulated bus of one's own: two demos at once do not meet.
+    name = f"hilsim:demo-{os.getpid()}" if bus.interface == "hilsim" and options.bus == "auto" else str(bus)
+    config = Config(bus=BusConfig(spec=name))
+    parts = read_parts(config)
+    options.out.mkdir(parents=True, exist_ok=True)
+    tremor = Tremor(options.tremor_hz) if options.tremor_hz > 0 else None
+
+    def make_wearer() -> Wearer:
+        return Wearer(options.seed, tremor=tremor)
+
+    device = DeviceProcess(name, options.out / "device.jsonl")
+    try:
+        senses = SimulatedSenses(make_wearer, config.sensors)
+        judged = make_wearer()
+
+        def judge(now_ns: int, verb_index: int | None) -> Mapping[str, Any]:
+            truth = judged.truth(now_ns - senses.epoch_ns)
+            intended = None if truth.intended is None else VERBS[truth.intended]
+            return {"truth": intended, "right": None if verb_index is None else truth.is_right(verb_index)}
+
+        def finish(live: LiveBridge) -> Mapping[str, int]:
+            device.stop()
+            unheard = max(0, live.port.counters.sent - int(device.summary.get("received", 0)))
+            return {"frames_lost": live.counters()["frames_lost"] + unheard, "frames_unheard_by_device": unheard}
+
+        title = f"demo: simulated wearer {options.seed} against a simulated device"
+        return asyncio.run(
+            run_bridge(
+                config,
+                parts,
+                senses,
+                options.out,
+                title=title,
+                seconds=options.seconds,
+                judge=judge,
+                progress=progress,
+                finish=finish,
+            )
+        )
+    finally:
+        device.stop()

@@ -1,0 +1,146 @@
+"""From a configuration to a bridge that can run: every part opened and checked before anything moves."""
+
+from __future__ import annotations
+
+import secrets
+import time
+from collections.abc import Callable, Mapping
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hilbridge.bus.port import BusPort, PortState
+from hilbridge.config import BusConfig, Config
+from hilbridge.core.bridge import Bridge, BridgeConfig
+from hilbridge.core.gate import MS, GateConfig
+from hilbridge.errors import InputError
+from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
+from hilbridge.intent.predictor import Predictor
+from hilbridge.intent.tremor import TremorGuard
+from hilbridge.runtime.live import Judge, LiveBridge, Recorder
+from hilbridge.runtime.node import BridgeNode, Predicts
+from hilbridge.runtime.senses import Senses
+from hilbridge.wire.codec import Codec
+from hilbridge.wire.link import WireLink
+from hilbridge.wire.secoc import Authenticator, load_key
+
+if TYPE_CHECKING:
+    from collections.abc import AsyncIterator
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """What needs no bus: read and checked first, so that a wrong file is found before a device is touched."""
+
+    bundle: Bundle
+    gate: GateConfig
+    codec: Codec
+
+
+def read_parts(config: Config) -> Parts:
+    """Read bundle and DBC, settle the gate's thresholds. Raises InputError."""
+    bundle = load_bundle(Path(config.model.bundle) if config.model.bundle else demo_bundle_path())
+    return Parts(bundle, gate_config(config, bundle), Codec(Path(config.bus.dbc) if config.bus.dbc else None))
+
+
+def gate_config(config: Config, bundle: Bundle) -> GateConfig:
+    """Thresholds of the configuration over those of the bundle. Raises InputError when they do not make a band."""
+    section = config.gate
+    tau_on = section.tau_on if section.tau_on is not None else bundle.thresholds.tau_on
+    tau_off = section.tau_off if section.tau_off is not None else bundle.thresholds.tau_off
+    try:
+        return GateConfig(
+            tau_on=tau_on,
+            tau_off=tau_off,
+            alpha=section.alpha,
+            top_k=section.top_k,
+            refractory_ns=section.refractory_ms * MS,
+            max_age_ns=section.max_age_ms * MS,
+        )
+    except ValueError as error:
+        raise InputError(f"gate: {error}; set both tau_on and tau_off (or neither: the bundle has them)") from None
+
+
+def open_port(config: BusConfig, on_change: Callable[[PortState], None] | None) -> BusPort:
+    """The port the configuration names, not yet connected. `--arm` implies that the bridge may send."""
+    listen_only = False if config.arm else config.listen_only
+    return BusPort.open(config.spec, listen_only=listen_only, on_change=on_change)
+
+
+def build_node(
+    parts: Parts,
+    port: BusPort,
+    config: BusConfig,
+    on_event: Callable[[int, str], None],
+    predict: Predicts | None = None,
+) -> BridgeNode:
+    """The node for a connected port. Raises InputError for a key that may not be used on it."""
+    trained_on = str(parts.bundle.provenance.get("trained_on", "nothing that it names"))
+    if port.is_physical and config.arm and "simulated" in trained_on:
+        raise InputError(
+            f"bundle {parts.bundle.bundle_id:#06x}: trained on {trained_on}, refused with --arm on a physical bus; "
+            "train one on people with `hilbridge train` and give it with --bundle"
+        )
+    key = load_key(Path(config.key_file) if config.key_file else None, physical=port.is_physical and config.arm)
+    wire = WireLink(parts.codec)
+    may_arm = config.arm or not port.is_physical
+    bridge = Bridge(
+        wire,
+        Authenticator(key),
+        lambda: secrets.randbits(32),
+        BridgeConfig(arm=may_arm, listen_only=port.listen_only),
+        lambda: wire.counters,
+    )
+    return BridgeNode(
+        predict or Predictor(parts.bundle),
+        parts.gate,
+        bridge,
+        wire,
+        parts.bundle.bundle_id,
+        TremorGuard(),
+        on_event,
+    )
+
+
+@asynccontextmanager
+async def live_bridge(
+    config: Config,
+    parts: Parts,
+    senses: Senses,
+    record: Recorder,
+    *,
+    judge: Judge | None = None,
+    on_tick: Callable[[Mapping[str, Any]], None] = lambda row: None,
+    predict: Predicts | None = None,
+) -> AsyncIterator[LiveBridge]:
+    """A bridge on its bus, ready to `run()`. Raises InputError when the bus or the key cannot be used."""
+    live: LiveBridge | None = None
+
+    def on_change(state: PortState) -> None:
+        if live is not None:
+            live.on_port_change(state)
+
+    def on_event(now_ns: int, text: str) -> None:
+        record("/event", now_ns, {"text": text})
+
+    async with open_port(config.bus, on_change) as port:
+        node = build_node(parts, port, config.bus, on_event, predict)
+        live = LiveBridge(node, port, senses, record, judge=judge, on_tick=on_tick)
+        record("/meta", time.monotonic_ns(), meta_row(config, parts, port))
+        yield live
+
+
+def meta_row(config: Config, parts: Parts, port: BusPort) -> dict[str, Any]:
+    """Where a recording comes from."""
+    return {
+        "bus": str(port.spec),
+        "physical": port.is_physical,
+        "listen_only": port.listen_only,
+        "bundle_id": f"{parts.bundle.bundle_id:#06x}",
+        "tau_on": parts.gate.tau_on,
+        "tau_off": parts.gate.tau_off,
+        "camera": config.sensors.camera,
+        "gaze": config.sensors.gaze,
+        "wall_minus_monotonic_ns": time.time_ns() - time.monotonic_ns(),
+    }

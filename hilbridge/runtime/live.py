@@ -1,0 +1,249 @@
+"""The bridge live: asyncio tasks around one node, one port and the senses. The only scheduler there is."""
+
+from __future__ import annotations
+
+import asyncio
+import time
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from hilbridge.bus.error_frames import ControllerState
+from hilbridge.bus.port import BusPort, PortState, SendResult
+from hilbridge.core.bridge import STOP_GAP_NS, STOP_REPEATS
+from hilbridge.records import FeatureVector, Frame
+from hilbridge.runtime.node import BridgeNode
+from hilbridge.runtime.phase import GRACE_NS, locks_to, next_tick
+from hilbridge.runtime.senses import Senses
+from hilbridge.wire.codec import Decoded
+
+Recorder = Callable[[str, int, Mapping[str, Any]], None]
+# Judges a decision against what the wearer really wants, where that is known: (now_ns, verb index) -> row entries.
+Judge = Callable[[int, int | None], Mapping[str, Any]]
+
+_BUS_STATES = {
+    ControllerState.ACTIVE: 1,
+    ControllerState.WARNING: 2,
+    ControllerState.PASSIVE: 3,
+    ControllerState.BUS_OFF: 4,
+}
+_HOUSEKEEPING_S = 1.0
+
+
+class LiveBridge:
+    """Runs until told to stop, until a recording that it plays ends, or until something fails.
+
+    record: takes (topic, time, row). judge: None where the wearer's intention is not known. on_tick: shown each row.
+    """
+
+    def __init__(
+        self,
+        node: BridgeNode,
+        port: BusPort,
+        senses: Senses,
+        record: Recorder,
+        *,
+        judge: Judge | None = None,
+        on_tick: Callable[[Mapping[str, Any]], None] = lambda row: None,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.node, self.port, self.senses = node, port, senses
+        self.ticks_missed = 0
+        self.tick_late_max_ms = 0.0
+        self._record, self._judge, self._on_tick, self._clock_ns = record, judge, on_tick, clock_ns
+        self._stopping = asyncio.Event()
+        self._new_features = asyncio.Event()
+        self._port_drops = 0
+        # A device that was alone on the bus had nobody to acknowledge its frames; what it lost then is counted apart.
+        self._lost_before_arming: int | None = None
+
+    def stop(self) -> None:
+        """End after the tick under way: one HOLD, then silence."""
+        self._stopping.set()
+
+    def request_stop_frame(self) -> None:
+        """Put STOP on the bus: three frames, 10 ms apart. From the loop's own thread."""
+        now_ns = self._clock_ns()
+        self._record("/event", now_ns, {"text": "STOP was asked for"})
+        self._send_all(self.node.bridge.request_stop(now_ns))
+        loop = asyncio.get_running_loop()
+        for repeat in range(1, STOP_REPEATS):
+            # A moment late rather than early: `poll` gives only what is due.
+            loop.call_later(repeat * (STOP_GAP_NS / 1e9 + 0.001), self._repeat_stop)
+
+    def _repeat_stop(self) -> None:
+        self._send_all(self.node.bridge.poll(self._clock_ns()))
+
+    async def run(self, seconds: float | None = None) -> None:
+        """Start the senses, tick at 25 Hz, stop everything again, whatever happens."""
+        loop = asyncio.get_running_loop()
+        self.senses.vision.on_vector = lambda: _call_on(loop, self._new_features.set)
+        await asyncio.to_thread(self.senses.start)
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                helpers = [tasks.create_task(self._receive()), tasks.create_task(self._housekeep())]
+                await self._tick_until(None if seconds is None else self._clock_ns() + round(seconds * 1e9))
+                for helper in helpers:
+                    helper.cancel()
+        finally:
+            await asyncio.to_thread(self.senses.stop)
+            self._keep_house()
+
+    def on_port_change(self, state: PortState) -> None:
+        """To be told by the port."""
+        if state.reason == "closed":
+            return
+        now_ns = self._clock_ns()
+        text = f"bus: {'link up' if state.link_up else 'link down'}, controller {state.controller.name.lower()}"
+        self._record("/event", now_ns, {"text": f"{text}{'; ' + state.reason if state.reason else ''}"})
+        bus_off = state.controller is ControllerState.BUS_OFF
+        self.node.bridge.on_bus_state(_BUS_STATES.get(state.controller, 0), bus_off)
+        if not state.link_up:
+            self.node.bridge.on_send_failed(bus_down=True)
+
+    async def _tick_until(self, end_ns: int | None) -> None:
+        due_ns = self._clock_ns()
+        lock = locks_to(self.senses.camera_fps)
+        while not self._stopping.is_set():
+            await self._sleep_until(due_ns)
+            vector = await self._features(due_ns + GRACE_NS if lock else due_ns)
+            now_ns = self._clock_ns()
+            if self.senses.ended or (end_ns is not None and now_ns >= end_ns):
+                return
+            self.tick_late_max_ms = max(self.tick_late_max_ms, (now_ns - due_ns) / 1e6)
+            self._tick(vector, now_ns)
+            ready_ns = self.senses.vision.last_ready_ns
+            wait_ns = now_ns - ready_ns if lock and ready_ns is not None and ready_ns <= now_ns else None
+            plan = next_tick(due_ns, self._clock_ns(), wait_ns)
+            self.ticks_missed += plan.missed
+            due_ns = plan.due_ns
+
+    async def _features(self, until_ns: int) -> FeatureVector | None:
+        """The newest features; a tick that is locked to the camera waits for them, but not beyond `until_ns`."""
+        while True:
+            self._new_features.clear()  # before looking, so that what comes in between is not slept through
+            vector = self.senses.take()
+            left_s = (until_ns - self._clock_ns()) / 1e9
+            if vector is not None or left_s <= 0:
+                return vector
+            try:
+                await asyncio.wait_for(self._new_features.wait(), left_s)
+            except TimeoutError:
+                return self.senses.take()
+
+    def _tick(self, vector: FeatureVector | None, now_ns: int) -> None:
+        tick = self.node.tick(vector, self.senses.seen(), now_ns)
+        self._send_all(tick.frames)
+        sent_ns = self._clock_ns()
+        if self._lost_before_arming is None and self.node.bridge.session.armed:
+            self._lost_before_arming = self._frames_lost()
+        row = tick.row
+        row["work_ms"] = round((sent_ns - now_ns) / 1e6, 3)
+        row["latency_ms"] = None if vector is None else round((sent_ns - vector.captured_ns) / 1e6, 3)
+        if self._judge is not None:
+            row.update(self._judge(now_ns, tick.decision.verb_index))
+        self._record("/tick", now_ns, row)
+        self._on_tick(row)
+
+    async def _sleep_until(self, due_ns: int) -> None:
+        wait_s = (due_ns - self._clock_ns()) / 1e9
+        if wait_s <= 0:
+            await asyncio.sleep(0)
+            return
+        try:
+            await asyncio.wait_for(self._stopping.wait(), wait_s)
+        except TimeoutError:
+            pass
+
+    async def _receive(self) -> None:
+        while True:
+            frame = await self.port.receive()
+            now_ns = self._clock_ns()
+            decoded, answers = self.node.receive(frame, frame.received_ns or now_ns)
+            self._send_all(answers)
+            self._record("/can", now_ns, _frame_row(frame, "rx", None if decoded is None else decoded.name))
+            if decoded is not None:
+                self._record_device(decoded, now_ns)
+
+    def _record_device(self, decoded: Decoded, now_ns: int) -> None:
+        signals = decoded.signals
+        if decoded.name == "CTRL_STATUS":
+            row = {
+                "state": str(signals["State"]),
+                "reason": str(signals["Reason"]),
+                "verb": str(signals["AppliedVerb"]),
+                "authority": signals["Authority"],
+                "armed": bool(signals["Armed"]),
+                "assist_zero": bool(signals["AssistZero"]),
+            }
+        elif decoded.name == "CTRL_MEAS":
+            row = {
+                "joint": signals["Joint"],
+                "angle_deg": signals["Angle"],
+                "velocity_deg_s": signals["Velocity"],
+                "assist_nm": signals["AssistTorque"],
+                "gravity_nm": signals["GravityTorque"],
+            }
+        else:
+            return
+        self._record("/device", now_ns, row)
+
+    def _send_all(self, frames: list[Frame]) -> None:
+        for frame in frames:
+            result = self.port.send(frame)
+            if result in (SendResult.FULL, SendResult.DOWN):
+                self.node.bridge.on_send_failed(bus_down=result is SendResult.DOWN)
+            self._record("/can", self._clock_ns(), {**_frame_row(frame, "tx", None), "result": str(result)})
+        # Frames that the port had queued and then dropped as stale are sends that failed, too.
+        counters = self.port.counters
+        drops = counters.dropped_stale + counters.dropped_superseded
+        if drops != self._port_drops:
+            self._port_drops = drops
+            self.node.bridge.on_send_failed(bus_down=False)
+
+    async def _housekeep(self) -> None:
+        while True:
+            await asyncio.sleep(_HOUSEKEEPING_S)
+            self._keep_house()
+
+    def _keep_house(self) -> None:
+        now_ns = self._clock_ns()
+        self._record("/sensors", now_ns, self.senses.accounts())
+        self._record("/counters", now_ns, self.counters())
+
+    def _frames_lost(self) -> int:
+        overflow = self.port.counters.overflow_kernel + self.port.counters.overflow_port
+        return self.node.wire.counters["LostFrames"] + overflow
+
+    def counters(self) -> dict[str, int]:
+        """Every counter of the bridge by name."""
+        port = {f"port.{name}": value for name, value in self.port.counters.as_dict().items()}
+        wire = {f"wire.{name}": value for name, value in self.node.wire.counters.items()}
+        bridge = {f"bridge.{name}": value for name, value in self.node.bridge.diag.items()}
+        device = {f"device.{name}": value for name, value in self.node.bridge.device_diag.items()}
+        lost = self._frames_lost()
+        before = self._lost_before_arming
+        return {
+            "frames_sent": self.port.counters.sent,
+            "frames_received": self.port.counters.received,
+            "frames_lost": lost if before is None else lost - before,
+            "frames_lost_before_arming": before or 0,
+            "ticks_missed": self.ticks_missed,
+            **bridge,
+            **wire,
+            **port,
+            **device,
+        }
+
+
+def _call_on(loop: asyncio.AbstractEventLoop, callback: Callable[[], object]) -> None:
+    try:
+        loop.call_soon_threadsafe(callback)
+    except RuntimeError:  # the loop has closed while the worker finished its last picture
+        return
+
+
+def _frame_row(frame: Frame, direction: str, name: str | None) -> dict[str, Any]:
+    row: dict[str, Any] = {"dir": direction, "id": frame.can_id, "data": frame.data.hex()}
+    if direction == "rx":
+        row |= {"name": name, "received_ns": frame.received_ns, "wall_ns": frame.wall_ns, "error": frame.is_error}
+    return row

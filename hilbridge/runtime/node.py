@@ -1,0 +1,165 @@
+"""The bridge's node: one tick of it, without clock, threads or I/O. Live runs and virtual time step this very code.
+
+The way of the data: features -> intent -> gate -> protocol -> frames. Every tick gives a row that says what was decided,
+on what, and why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+from hilbridge.core import gate
+from hilbridge.core.bridge import Bridge
+from hilbridge.core.gate import GateConfig, GateState
+from hilbridge.records import FeatureVector, Frame, GateDecision, HoldReason, IntentEstimate
+from hilbridge.runtime.health import SensorSeen, first_problem
+from hilbridge.verbs import VERBS
+from hilbridge.wire.codec import Decoded
+from hilbridge.wire.link import WireLink
+
+MS = 1_000_000
+# After a longer gap the window would join moments that do not belong together, so belief starts anew.
+GAP_NS = 150 * MS
+# Reasons to hold that are faults of the bridge's own sight, not a change of the wearer's mind (docs/decisions/001).
+_BLIND = frozenset({HoldReason.OVERRUN, HoldReason.NO_ESTIMATE, HoldReason.STALE, HoldReason.SENSOR_MISSING})
+
+
+class Predicts(Protocol):
+    """What intent.predictor.Predictor provides."""
+
+    def step(self, vector: FeatureVector, produced_ns: int) -> IntentEstimate | None: ...
+
+    def reset(self) -> None: ...
+
+
+@dataclass(frozen=True, slots=True)
+class Tick:
+    """What one tick came to: frames to send in order, the decision as sent, and a row for the recording."""
+
+    frames: list[Frame]
+    decision: GateDecision
+    row: dict[str, Any]
+
+
+class GuardsAgainstTremor(Protocol):
+    """What intent.tremor.TremorGuard provides."""
+
+    def update(self, vector: FeatureVector) -> bool: ...
+
+
+class BridgeNode:
+    """Everything the bridge knows between ticks.
+
+    predict: the predictor. bundle_id: its 16-bit identity on the bus. tremor_guard: says whether hands shake (H6).
+    on_event: told in words what a person would want to know, with the time.
+    """
+
+    def __init__(
+        self,
+        predict: Predicts,
+        gate_config: GateConfig,
+        bridge: Bridge,
+        wire: WireLink,
+        bundle_id: int,
+        tremor_guard: GuardsAgainstTremor,
+        on_event: Callable[[int, str], None] = lambda now_ns, text: None,
+    ) -> None:
+        self.bridge = bridge
+        self.wire = wire
+        self.gate_config = gate_config
+        self.gate_state = GateState()
+        self._predict = predict
+        self._bundle_id = bundle_id
+        self._tremor_guard = tremor_guard
+        self._tremor = False
+        self._on_event = on_event
+        self._estimate: IntentEstimate | None = None
+        self._vector: FeatureVector | None = None
+        self._said: dict[str, object] = {}
+
+    def receive(self, frame: Frame, now_ns: int) -> tuple[Decoded | None, list[Frame]]:
+        """Take in one frame: what it said (None when it was rejected, and counted) and what must be answered at once."""
+        outcome = self.wire.decode(frame)
+        if not isinstance(outcome, Decoded):
+            return None, []
+        answers = self.bridge.on_message(outcome.name, outcome.signals, outcome.counter, now_ns)
+        if outcome.name == "CTRL_STATUS":
+            self._say("device", outcome.signals["State"], now_ns, f"device: {outcome.signals['State']}")
+        elif outcome.name == "CTRL_EMCY":
+            code, state = outcome.signals["Code"], outcome.signals["State"]
+            self._on_event(now_ns, f"device emergency: {code} in {state}")
+        return outcome, answers
+
+    def tick(self, vector: FeatureVector | None, sensors: tuple[SensorSeen, ...], now_ns: int) -> Tick:
+        """One 25 Hz tick. `vector` is the newest features not yet seen, or None."""
+        self.bridge.begin_tick(now_ns)
+        problem = first_problem(sensors, now_ns)
+        self._say("sensors", problem, now_ns, f"sensors: {problem or 'well'}")
+        if vector is not None:
+            self._take(vector, now_ns)
+        veto = self._veto(problem, now_ns)
+        self.gate_state, decision = gate.step(self.gate_config, self.gate_state, self._estimate, now_ns, veto)
+        # Sensing that cannot be believed has no age: the device is told so, and falls back to following by itself.
+        seeing = self._vector if problem is None and decision.reason not in _BLIND else None
+        oldest_ns = None if seeing is None else seeing.oldest_input_ns
+        valid = (False, False, False) if seeing is None else seeing.valid
+        frames = self.bridge.tick(decision, oldest_ns, valid, self._bundle_id, now_ns)
+        command = self.bridge.command
+        sent = GateDecision(
+            command.action,
+            decision.verb_index if command.reason is HoldReason.NONE else None,
+            decision.confidence,
+            command.reason,
+        )
+        armed = self.bridge.session.armed
+        self._say("armed", armed, now_ns, "armed" if armed else f"not armed {self.bridge.session.why}".strip())
+        return Tick(frames, sent, self._row(sent, problem, vector, now_ns))
+
+    def _take(self, vector: FeatureVector, now_ns: int) -> None:
+        if self._vector is not None and not 0 < vector.captured_ns - self._vector.captured_ns <= GAP_NS:
+            self._predict.reset()
+        self._vector = vector
+        self._estimate = self._predict.step(vector, now_ns)
+        self._tremor = self._tremor_guard.update(vector)
+        self._say("tremor", self._tremor, now_ns, "tremor in the hands" if self._tremor else "no tremor in the hands")
+
+    def _veto(self, problem: str | None, now_ns: int) -> HoldReason | None:
+        outside = self.bridge.veto(now_ns)
+        if outside is not HoldReason.NONE:
+            return outside
+        if problem is not None:
+            return HoldReason.SENSOR_MISSING
+        if self._tremor:
+            return HoldReason.TREMOR
+        if self._vector is not None and self._estimate is None:
+            return HoldReason.WARMING_UP
+        return None
+
+    def _say(self, subject: str, value: object, now_ns: int, text: str) -> None:
+        if self._said.get(subject, self) != value:
+            self._said[subject] = value
+            self._on_event(now_ns, text)
+
+    def _row(
+        self, decision: GateDecision, problem: str | None, vector: FeatureVector | None, now_ns: int
+    ) -> dict[str, Any]:
+        estimate, device = self._estimate, self.bridge.device
+        top: list[list[Any]] = []
+        if estimate is not None:
+            ranked = sorted(range(len(estimate.probabilities)), key=lambda k: -estimate.probabilities[k])
+            top = [[VERBS[k], round(estimate.probabilities[k], 4)] for k in ranked[:3]]
+        return {
+            "action": decision.action.name,
+            "reason": str(decision.reason),
+            "verb": None if decision.verb_index is None else VERBS[decision.verb_index],
+            "confidence": round(decision.confidence, 4),
+            "top": top,
+            "valid": list(self._vector.valid) if self._vector is not None else [False, False, False],
+            "sensing_age_ms": None if self._vector is None else round((now_ns - self._vector.oldest_input_ns) / 1e6, 2),
+            "sensors": problem,
+            "new_features": vector is not None,
+            "device": None if device is None else device.state,
+            "armed": self.bridge.session.armed,
+        }

@@ -1,0 +1,53 @@
+"""The phase of the 25 Hz tick against the camera, pure.
+
+A free-running tick waits for up to a frame before it sees a picture. Where the camera itself runs at the tick's rate,
+the tick can be steered to come just after each picture's features are ready, which takes that wait out of the latency.
+A picture that takes longer than usual is then waited for, within bounds, rather than missed by a whole period.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+MS = 1_000_000
+PERIOD_NS = 40 * MS
+# A locked tick may come so much later than planned; two ticks are then at most 64 ms apart, far from any watchdog.
+GRACE_NS = 24 * MS
+
+_TARGET_WAIT_NS = 2 * MS  # a little above the jitter of feature extraction: few ticks have to wait
+_GAIN = 0.25
+_MAX_STEER_NS = 2 * MS
+_RATE_TOLERANCE = 0.02
+
+
+def locks_to(camera_fps: float) -> bool:
+    """True where the camera's rate is the tick's within 2 %, so that a fixed phase exists."""
+    return abs(camera_fps * PERIOD_NS / 1e9 - 1.0) <= _RATE_TOLERANCE
+
+
+@dataclass(frozen=True, slots=True)
+class TickPlan:
+    """When the next tick is due and how many ticks were missed since the last one."""
+
+    due_ns: int
+    missed: int
+
+
+def next_tick(due_ns: int, now_ns: int, wait_ns: int | None) -> TickPlan:
+    """Plan the tick after the one that was due at `due_ns` and ran at `now_ns`.
+
+    `wait_ns` is how long the newest features had waited when the tick ran (None: no lock, or no features). Steering is
+    at most 2 ms a tick, so the tick's own rate stays within 5 % of 25 Hz. Ticks that are already over are skipped and
+    counted, never made up for.
+    """
+    steer = 0
+    if wait_ns is not None:
+        error = wait_ns - _TARGET_WAIT_NS
+        if error > PERIOD_NS // 2:  # nearer to the picture that is still to come
+            error -= PERIOD_NS
+        steer = max(-_MAX_STEER_NS, min(_MAX_STEER_NS, int(-_GAIN * error)))
+    planned = due_ns + PERIOD_NS + steer
+    if planned > now_ns:
+        return TickPlan(planned, 0)
+    missed = (now_ns - planned) // PERIOD_NS + 1
+    return TickPlan(planned + missed * PERIOD_NS, missed)

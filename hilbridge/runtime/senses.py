@@ -1,0 +1,119 @@
+"""Camera, gaze and the vision worker as one thing that is started, asked and stopped together."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from hilbridge.config import SensorsConfig
+from hilbridge.errors import InputError
+from hilbridge.records import CameraFrame, FeatureVector, GazeSample
+from hilbridge.runtime.health import MS, SensorSeen
+from hilbridge.runtime.vision import FindsHands, VisionWorker
+from hilbridge.sensors.source import Source, SourceState
+
+
+class Senses:
+    """What the wearer does, as the bridge perceives it. `vectors` holds the newest features."""
+
+    def __init__(
+        self,
+        camera: Source[CameraFrame],
+        gaze: Source[GazeSample] | None,
+        find_hands: Callable[[], FindsHands] | None,
+        *,
+        camera_fps: float,
+        config: SensorsConfig,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.camera, self.gaze, self.camera_fps = camera, gaze, camera_fps
+        self.vision = VisionWorker(camera.cell, gaze.cell if gaze else None, find_hands, clock_ns)
+        self._config = config
+
+    def start(self) -> None:
+        """Start the worker first, so that a slow detector does not make the first pictures old."""
+        self.vision.start()
+        self.vision.ready.wait(60.0)
+        if isinstance(self.vision.failure, InputError):
+            raise self.vision.failure
+        self.camera.start()
+        if self.gaze is not None:
+            self.gaze.start()
+
+    def stop(self) -> None:
+        self.camera.stop()
+        if self.gaze is not None:
+            self.gaze.stop()
+        self.vision.stop()
+
+    def take(self) -> FeatureVector | None:
+        """The newest features not yet taken."""
+        return self.vision.vectors.take()
+
+    @property
+    def ended(self) -> bool:
+        """True when a recording was played to its end."""
+        gaze_ended = self.gaze is not None and self.gaze.state is SourceState.ENDED
+        return gaze_ended or self.camera.state is SourceState.ENDED
+
+    def seen(self) -> tuple[SensorSeen, ...]:
+        """What each source last said, for `health`."""
+        config, vision = self._config, self.vision
+        camera = SensorSeen(
+            "camera",
+            self.camera.state is SourceState.RUNNING and vision.failure is None,
+            self.camera.last_captured_ns,
+            vision.frame_changed_ns,
+            config.camera_timeout_ms * MS,
+            config.freeze_ms * MS,
+        )
+        if self.gaze is None:
+            return (camera,)
+        gaze = SensorSeen(
+            "gaze",
+            self.gaze.state is SourceState.RUNNING,
+            self.gaze.last_captured_ns,
+            None,
+            config.gaze_timeout_ms * MS,
+        )
+        return (camera, gaze)
+
+    def accounts(self) -> dict[str, dict[str, Any]]:
+        """Every value of every cell and what became of it."""
+        cells: dict[str, Any] = {"camera": self.camera.cell, "features": self.vision.vectors}
+        if self.gaze is not None:
+            cells["gaze"] = self.gaze.cell
+        rows: dict[str, dict[str, Any]] = {}
+        for name, cell in cells.items():
+            counts = cell.counts()
+            rows[name] = {key: getattr(counts, key) for key in ("received", "used", "overwritten", "failed", "pending")}
+        rows["camera"]["with_hands"] = self.vision.frames_with_hands
+        return rows
+
+
+def open_senses(config: SensorsConfig) -> Senses:
+    """Open what the configuration names. Raises InputError naming the first thing that is not there, and the cure."""
+    from hilbridge.sensors.camera import CameraSource
+    from hilbridge.sensors.gaze import GazePlayer, open_gaze
+    from hilbridge.sensors.models import hand_model_path
+
+    if config.camera is None:
+        raise InputError("no camera is given; add --camera INDEX|FILE|URL (or [sensors] camera in bridge.toml)")
+    # Cheap checks first: nothing is started, and no device taken, for a run that cannot begin.
+    recording = open_gaze(Path(config.gaze)) if config.gaze is not None else None
+    model = Path(config.hand_model) if config.hand_model is not None else hand_model_path()
+    if config.hands and not model.is_file():
+        raise InputError(
+            f"hand model {model}: not there; get it once with `hilbridge fetch-models`, or give --no-hands"
+        )
+
+    def find_hands() -> FindsHands:
+        from hilbridge.sensors.hands import HandDetector
+
+        return HandDetector(model)
+
+    camera = CameraSource(config.camera, loop=config.loop)
+    gaze = GazePlayer(recording, loop=config.loop) if recording is not None else None
+    return Senses(camera, gaze, find_hands if config.hands else None, camera_fps=camera.fps, config=config)

@@ -1,0 +1,96 @@
+"""The worker thread that turns each picture into features, off the event loop: pixels in, FeatureVector out."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from typing import Protocol
+
+import cv2
+
+from hilbridge.features.assembler import FeatureAssembler
+from hilbridge.priority import Level, take_level
+from hilbridge.records import CameraFrame, FeatureVector, GazeSample, HandTracks
+from hilbridge.sensors.cell import LatestCell
+
+_PROBE_STEP = 16  # every 16th pixel both ways: enough to tell two pictures apart, nothing to compute
+
+
+class FindsHands(Protocol):
+    """A hand detector (sensors.hands), or the simulated wearer's own word."""
+
+    def detect(self, frame: CameraFrame) -> HandTracks: ...
+
+
+class VisionWorker:
+    """Takes the newest picture, finds hands, assembles features with the newest gaze, leaves them in `vectors`.
+
+    `find_hands` is made in the worker's own thread (MediaPipe wants one thread) and may be None: hands are then masked.
+    `on_vector` is called in the worker's thread after each. `frame_changed_ns` is when the picture's content last
+    changed: equal to the newest stamp for a camera that lives.
+    """
+
+    def __init__(
+        self,
+        frames: LatestCell[CameraFrame],
+        gaze: LatestCell[GazeSample] | None,
+        find_hands: Callable[[], FindsHands] | None,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
+        self.vectors: LatestCell[FeatureVector] = LatestCell()
+        self.ready = threading.Event()
+        self.failure: Exception | None = None
+        self.frame_changed_ns: int | None = None
+        self.frames_with_hands = 0
+        self.frames_seen = 0
+        self.last_ready_ns: int | None = None
+        self.on_vector: Callable[[], None] = lambda: None
+        self._frames, self._gaze = frames, gaze
+        self._find_hands = find_hands
+        self._clock_ns = clock_ns
+        self._probe = b""
+        self._stopping = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="vision", daemon=True)
+
+    def start(self) -> None:
+        self._thread.start()
+
+    def stop(self) -> None:
+        self._stopping.set()
+        if self._thread.is_alive():
+            self._thread.join(2.0)
+        self.vectors.close()
+
+    def _run(self) -> None:
+        take_level(Level.VISION)
+        cv2.setNumThreads(1)  # picture work must not spread over the processor that the tick needs
+        detector: FindsHands | None = None
+        try:
+            detector = self._find_hands() if self._find_hands else None
+            self.ready.set()
+            assembler = FeatureAssembler()
+            while not self._stopping.is_set():
+                frame = self._frames.wait(0.1)
+                if frame is not None:
+                    self._step(frame, detector, assembler)
+        except Exception as error:  # the bridge sees it as features that stop, says why, and holds
+            self.failure = error
+        finally:
+            self.ready.set()
+            close = getattr(detector, "close", None)
+            if close is not None:
+                close()
+
+    def _step(self, frame: CameraFrame, detector: FindsHands | None, assembler: FeatureAssembler) -> None:
+        self.frames_seen += 1
+        probe = frame.rgb[::_PROBE_STEP, ::_PROBE_STEP].tobytes()
+        if probe != self._probe:
+            self._probe, self.frame_changed_ns = probe, frame.captured_ns
+        hands = detector.detect(frame) if detector is not None else None
+        self.frames_with_hands += bool(hands and hands.hands)
+        gaze = self._gaze.take() if self._gaze is not None else None
+        vector = assembler.update(frame, gaze, hands, frame.captured_ns)
+        self.last_ready_ns = self._clock_ns()
+        self.vectors.put(vector)
+        self.on_vector()

@@ -1,0 +1,119 @@
+"""What a run looks like in a terminal: one live line while it runs, a short table when it is over."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.markup import escape
+from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.table import Table
+
+from hilbridge.doctor import Finding, Verdict
+from hilbridge.observe.summary import Summary
+from hilbridge.session import Outcome
+from hilbridge.session import Progress as OnProgress
+
+# Progress goes to stderr, so that `--json` on stdout stays one object.
+_ERR = Console(stderr=True)
+
+
+@contextmanager
+def live_line(seconds: float | None, quiet: bool) -> Iterator[OnProgress]:
+    """A progress line that says what the bridge is doing. Nothing where nobody watches."""
+    if quiet or not _ERR.is_terminal:
+        yield lambda elapsed, row: None
+        return
+    columns = [TextColumn("{task.description}"), BarColumn(24), TimeElapsedColumn(), TextColumn("{task.fields[now]}")]
+    with Progress(*columns, console=_ERR, transient=True) as bar:
+        task = bar.add_task("starting", total=seconds, now="")
+
+        def show(elapsed: float, row: Mapping[str, Any]) -> None:
+            bar.update(task, completed=elapsed, description="running", now=describe(row))
+
+        yield show
+
+
+def describe(row: Mapping[str, Any]) -> str:
+    """One tick in a few words."""
+    device = row.get("device") or "no device"
+    if row["action"] == "ACT":
+        return f"[bold green]ACT {row['verb']}[/] {row['confidence']:.2f}  device {device}"
+    likely = f"{row['top'][0][0]} {row['top'][0][1]:.2f}" if row.get("top") else ""
+    return f"[yellow]HOLD[/] {row['reason']}  {likely}  device {device}"
+
+
+def print_outcome(outcome: Outcome) -> None:
+    """The summary of a run, and where its recording and report are."""
+    console = Console()
+    console.print(summary_table(outcome.summary))
+    console.print(f"recording  {outcome.recording}", soft_wrap=True, highlight=False)
+    console.print(f"report     {outcome.report}", soft_wrap=True, highlight=False)
+
+
+def summary_table(summary: Summary) -> Table:
+    def number(value: float | None, form: str = ".2f") -> str:
+        return "n/a" if value is None else format(value, form)
+
+    latency = summary.latency_ms
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    rows = {
+        "seconds": number(summary.seconds, ".1f"),
+        "acts / holds": f"{summary.acts} / {summary.holds}",
+        "act-only precision": number(summary.act_only_precision),
+        "coverage": number(summary.coverage),
+        "false assists a minute": number(summary.false_assists_per_min, ".1f"),
+        "device assisted for": f"{summary.assist_s:.1f} s",
+        "hold reasons": ", ".join(f"{reason} {count}" for reason, count in list(summary.hold_reasons.items())[:6]),
+        "latency p50 / p99 / max": f"{number(latency.p50, '.0f')} / {number(latency.p99, '.0f')} / "
+        f"{number(latency.max, '.0f')} ms",
+        "frames sent / received / lost": f"{summary.frames_sent} / {summary.frames_received} / {summary.frames_lost}",
+        "ticks missed": str(summary.ticks_missed),
+    }
+    for name, value in rows.items():
+        table.add_row(f"[dim]{name}[/]", value or "none")
+    return table
+
+
+@contextmanager
+def status(text: str, quiet: bool) -> Iterator[Callable[[str], None]]:
+    """A spinner that says what is being done. Nothing where nobody watches."""
+    if quiet or not _ERR.is_terminal:
+        yield lambda now: None
+        return
+    with _ERR.status(text) as spinner:
+        yield lambda now: spinner.update(f"{text}: {now}")
+
+
+@contextmanager
+def counting(text: str, total: int) -> Iterator[Callable[[], None]]:
+    """A progress bar that is told of each item done. Nothing where nobody watches."""
+    if not _ERR.is_terminal:
+        yield lambda: None
+        return
+    with Progress(console=_ERR, transient=True) as bar:
+        task = bar.add_task(text, total=total)
+        yield lambda: bar.advance(task)
+
+
+def print_figures(figures: Mapping[str, float | None]) -> None:
+    """Names and numbers, one a line."""
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for name, value in figures.items():
+        table.add_row(f"[dim]{name}[/]", "n/a" if value is None else f"{value:.4g}")
+    Console().print(table)
+
+
+_MARKS = {Verdict.WELL: "[green]well[/]", Verdict.NOTE: "[yellow]note[/]", Verdict.ILL: "[bold red]ill[/]"}
+
+
+def print_findings(findings: Sequence[Finding]) -> None:
+    """What the doctor found; a cure stands under what it mends."""
+    table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
+    for finding in findings:
+        table.add_row(_MARKS[finding.verdict], f"[bold]{finding.subject}[/]", escape(finding.text))
+        if finding.cure:
+            table.add_row("", "", f"[dim]->[/] {escape(finding.cure)}")
+    Console().print(table)

@@ -1,0 +1,83 @@
+"""runtime.phase and runtime.health: pure timing and sensor beliefs (H8, H9)."""
+
+from __future__ import annotations
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from hilbridge.runtime.health import SensorSeen, first_problem, sensor_problem
+from hilbridge.runtime.phase import MS, PERIOD_NS, locks_to, next_tick
+
+
+def test_free_running_ticks_keep_their_schedule() -> None:
+    assert next_tick(0, 1 * MS, None).due_ns == PERIOD_NS
+    late = next_tick(0, 39 * MS, None)
+    assert (late.due_ns, late.missed) == (PERIOD_NS, 0)
+
+
+@pytest.mark.parametrize(("now_ms", "due_ms", "missed"), [(40, 80, 1), (79, 80, 1), (80, 120, 2), (1000, 1040, 25)])
+def test_missed_ticks_are_skipped_and_counted(now_ms: int, due_ms: int, missed: int) -> None:
+    plan = next_tick(0, now_ms * MS, None)
+    assert (plan.due_ns, plan.missed) == (due_ms * MS, missed)
+
+
+@given(st.integers(0, PERIOD_NS - 1), st.integers(-4, 4))
+def test_the_phase_locks_to_a_25_fps_camera_from_any_start(offset_ns: int, drift_us: int) -> None:
+    camera_period = PERIOD_NS + drift_us * 1000
+    due, first = 0, offset_ns
+    for _ in range(400):
+        wait = (due - first) % camera_period
+        plan = next_tick(due, due, wait)
+        assert abs(plan.due_ns - due - PERIOD_NS) <= 2 * MS
+        due = plan.due_ns
+    assert (due - first) % camera_period <= 4 * MS
+
+
+@given(st.integers(0, 10**12), st.integers(0, 10**10), st.one_of(st.none(), st.integers(0, 10**9)))
+def test_the_next_tick_is_always_in_the_future_and_soon(due: int, late: int, wait: int | None) -> None:
+    plan = next_tick(due, due + late, wait)
+    assert due + late < plan.due_ns <= due + late + PERIOD_NS + 2 * MS
+    assert plan.missed >= 0
+
+
+@pytest.mark.parametrize(("fps", "locks"), [(25.0, True), (24.6, True), (25.4, True), (30.0, False), (24.0, False)])
+def test_only_a_25_fps_camera_is_locked_to(fps: float, locks: bool) -> None:
+    assert locks_to(fps) is locks
+
+
+def seen(**changes: object) -> SensorSeen:
+    values: dict[str, object] = {
+        "name": "camera",
+        "alive": True,
+        "captured_ns": 1000 * MS,
+        "changed_ns": 1000 * MS,
+        "timeout_ns": 120 * MS,
+        "freeze_ns": 150 * MS,
+    }
+    return SensorSeen(**{**values, **changes})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("sensor", "now_ms", "said"),
+    [
+        (seen(), 1000, None),
+        (seen(), 1120, None),
+        (seen(), 1121, "camera silent for 121 ms"),
+        (seen(), 999, "camera silent for -1 ms"),
+        (seen(alive=False), 1000, "camera is gone"),
+        (seen(captured_ns=None), 1000, "camera has not delivered yet"),
+        (seen(changed_ns=850 * MS), 1000, None),
+        (seen(changed_ns=849 * MS), 1000, "camera shows the same picture for 151 ms"),
+        (seen(changed_ns=0, freeze_ns=None), 1000, None),
+        (seen(changed_ns=None), 1000, None),
+    ],
+)
+def test_h8_h9_sensor_problems_are_named(sensor: SensorSeen, now_ms: int, said: str | None) -> None:
+    assert sensor_problem(sensor, now_ms * MS) == said
+
+
+def test_the_first_problem_is_the_one_named_and_no_sensor_is_a_problem() -> None:
+    assert first_problem((), 0) == "no sensor is connected"
+    assert first_problem((seen(), seen(name="gaze", alive=False)), 1000 * MS) == "gaze is gone"
+    assert first_problem((seen(), seen(name="gaze")), 1000 * MS) is None

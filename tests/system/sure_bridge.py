@@ -1,0 +1,56 @@
+"""A whole bridge in a process of its own whose predictor is always sure of one verb, so that the device assists.
+
+Everything else is real: simulated senses as sources, features, gate, protocol, codec, port. Lines on standard input set
+faults of its sensors (`camera frozen`, `gaze gone`, ...; `well` ends them). Prints `ready` when it ticks.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import sys
+import threading
+
+from hilbridge.config import BusConfig, Config, GateSection
+from hilbridge.priority import use_realtime_scheduling
+from hilbridge.records import FeatureVector, IntentEstimate
+from hilbridge.runtime.assemble import live_bridge, read_parts
+from hilbridge.runtime.simulated_senses import SensorFault, SimulatedSenses
+from hilbridge.verbs import VERBS
+from hilbridge.wearer.person import Wearer
+
+VERB = VERBS.index("Pour")  # damping and gravity support in any movement: torque that can be seen
+
+
+class Sure:
+    """Believes in one verb with 0.97, whatever it sees."""
+
+    def step(self, vector: FeatureVector, produced_ns: int) -> IntentEstimate | None:
+        rest = 0.03 / (len(VERBS) - 1)
+        probabilities = tuple(0.97 if index == VERB else rest for index in range(len(VERBS)))
+        return IntentEstimate(vector.oldest_input_ns, produced_ns, probabilities, VERB, 0.97, 1, vector.valid)
+
+    def reset(self) -> None: ...
+
+
+def obey(senses: SimulatedSenses) -> None:
+    """Set sensor faults as told on standard input."""
+    for line in sys.stdin:
+        name, _, fault = line.strip().partition(" ")
+        if name == "well":
+            senses.camera.fault = senses.gaze.fault = SensorFault.NONE
+        else:
+            {"camera": senses.camera, "gaze": senses.gaze}[name].fault = SensorFault(fault)
+
+
+async def main(bus: str) -> None:
+    config = Config(bus=BusConfig(spec=bus), gate=GateSection(alpha=1.0, refractory_ms=40))
+    senses = SimulatedSenses(lambda: Wearer(3, width_px=96, height_px=72), config.sensors)
+    async with live_bridge(config, read_parts(config), senses, lambda *row: None, predict=Sure()) as live:
+        threading.Thread(target=obey, args=(senses,), daemon=True).start()
+        print("ready", flush=True)
+        await live.run()
+
+
+if __name__ == "__main__":
+    use_realtime_scheduling()
+    asyncio.run(main(sys.argv[1]))
