@@ -1,0 +1,64 @@
+"""The quick, seeded part of `make safety`, in every test run. The full parts are `python -m tests.safety`."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import pytest
+
+from tests.safety import checking, corruption, forgery, fuzz, replay
+from tests.safety.mutation import ROOT
+from tests.safety.table import Row, Scale, printed
+
+requirement = pytest.mark.requirement
+QUICK = Scale(quick=True)
+
+
+def all_hold(rows: list[Row]) -> None:
+    assert all(row.holds for row in rows), "\n" + printed(rows)
+
+
+@requirement("P1", "P2")
+def test_h9_corruption() -> None:
+    all_hold(corruption.run(QUICK))
+
+
+@requirement("P6", "P7", "P8")
+def test_h2_replay_and_queue() -> None:
+    all_hold(replay.run(QUICK))
+
+
+@requirement("P6", "S6")
+def test_h1_forgery() -> None:
+    all_hold(forgery.run(QUICK))
+
+
+@requirement("S1", "T1", "T2", "T3")
+def test_h2_model_checking_sample() -> None:
+    all_hold(checking.run(QUICK))
+
+
+@requirement("P9", "P8")
+def test_h9_fuzz() -> None:
+    all_hold(fuzz.run(QUICK))
+
+
+@pytest.mark.slow
+def test_mutation_sample() -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "tests.safety", "mutation", "--quick"],
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+@requirement("P13", "T1")
+@pytest.mark.slow
+def test_h2_hung_bridge_sample() -> None:
+    command = [sys.executable, "-m", "tests.safety", "hung", "--quick", "--bus", "hilsim"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
