@@ -8,7 +8,7 @@ from typing import Any
 
 from firmware_sim.controller import step
 from firmware_sim.memory import ControllerState, Inputs, Received
-from firmware_sim.plant.actuator import Actuator
+from firmware_sim.plant.actuator import LAG_S, Actuator
 from firmware_sim.plant.arm import Arm, wearer_torque
 
 _TICK_S = 0.001
@@ -76,9 +76,11 @@ class Device:
         """Injected overrun: the device's own clock moves on without its control loop (`tick_overrun`)."""
         self.skipped_ms += milliseconds
 
-    def break_motor(self, *, gain: float = 1.0, stuck: bool = False) -> None:
-        """Fault of the actuator: it gives `gain` times what is asked, or stays where it is."""
-        self.actuator = replace(self.actuator, gain=gain, stuck=stuck)
+    def break_motor(
+        self, *, gain: float = 1.0, stuck: bool = False, lag_s: float = LAG_S, bias_nm: float = 0.0
+    ) -> None:
+        """Faults of the actuator: its gain, where it is stuck, how late it follows, what it adds; bare: healthy again."""
+        self.actuator = replace(self.actuator, gain=gain, stuck=stuck, lag_s=lag_s, bias_nm=bias_nm)
 
     def record(self) -> dict[str, Any]:
         """The present tick as one line of the JSON log: units in the names, times on the device's own clock."""

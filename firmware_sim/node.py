@@ -30,7 +30,9 @@ _TICK_NS = 1_000_000
 _WAKE_NS = 2 * _TICK_NS  # frames carry their time of arrival, so waking less often changes no tick
 _STALL_TICKS = 7
 _STALE_TICKS = 60  # what a tick further back wanted to send describes nothing any more
-_COMMANDS = "clear | overrun | stuck | gain X | encoder MDEG | push NM | busoff | buson | quit"
+_COMMANDS = (
+    "clear | overrun [MS] | stuck | gain X | lag MS | bias NM | mend | encoder MDEG | push NM | busoff | buson | quit"
+)
 
 
 class Node:
@@ -120,11 +122,17 @@ class Node:
             case "clear":
                 self.device.local_clear = True
             case "overrun":
-                self.device.skip(10)
+                self.device.skip(int(words[1]) if len(words) > 1 else 10)
             case "stuck":
                 self.device.break_motor(stuck=True)
             case "gain":
                 self.device.break_motor(gain=float(words[1]))
+            case "lag":
+                self.device.break_motor(lag_s=float(words[1]) / 1000)
+            case "bias":
+                self.device.break_motor(bias_nm=float(words[1]))
+            case "mend":
+                self.device.break_motor()
             case "encoder":
                 self.device.encoder_offset_mdeg = int(words[1])
             case "push":

@@ -44,6 +44,7 @@ class DevicePart(_Part):
     """The simulated device."""
 
     clock_ppm: Annotated[float, Field(ge=-500.0, le=500.0)] = 40.0
+    arm: Literal["still", "reach", "sway"] = "sway"  # what the wearer's elbow does meanwhile
 
 
 class GatePart(_Part):
@@ -52,6 +53,7 @@ class GatePart(_Part):
     tau_on: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     tau_off: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
     refractory: Duration = 240_000_000  # ns, as every parsed duration
+    alpha: Annotated[float, Field(gt=0.0, le=1.0)] = 0.2
 
 
 class Estimate(_Part):

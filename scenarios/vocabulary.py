@@ -88,6 +88,7 @@ _OTHERS: tuple[FaultKind, ...] = (
         "made-up ACT_CMD and ACT_AUTH with right CRC and counter",
         {"per_s": Option(25, 1, 1000, "pairs a second")},
     ),
+    FaultKind("bus.stop", "somebody puts STOP on the bus, three times at 10 ms", instant=True),
     FaultKind("bridge.hang", "the process stands still (SIGSTOP)"),
     FaultKind("bridge.stall", "the event loop is blocked, as by a long garbage collection"),
     FaultKind("bridge.kill", "the process is killed", instant=True),

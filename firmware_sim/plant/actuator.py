@@ -13,16 +13,19 @@ LIMIT_NM = 6.0
 
 @dataclass(frozen=True, slots=True)
 class Actuator:
-    """Present torque; `stuck` freezes it, `gain` scales what is asked (1.0 is healthy)."""
+    """Present torque; `stuck` freezes it, `gain` scales what is asked (1.0 is healthy), `bias_nm` comes on top."""
 
     torque_nm: float = 0.0
     gain: float = 1.0
     stuck: bool = False
+    lag_s: float = LAG_S
+    bias_nm: float = 0.0
 
     def step(self, asked_nm: float, dt_s: float) -> Actuator:
         """Follow the asked torque for `dt_s`."""
         if self.stuck:
             return self
-        wanted = max(-LIMIT_NM, min(LIMIT_NM, asked_nm * self.gain))
-        share = dt_s / (LAG_S + dt_s)
-        return Actuator(self.torque_nm + (wanted - self.torque_nm) * share, self.gain, self.stuck)
+        wanted = max(-LIMIT_NM, min(LIMIT_NM, asked_nm * self.gain + self.bias_nm))
+        share = dt_s / (self.lag_s + dt_s)
+        torque_nm = self.torque_nm + (wanted - self.torque_nm) * share
+        return Actuator(torque_nm, self.gain, self.stuck, self.lag_s, self.bias_nm)

@@ -1,0 +1,296 @@
+"""The bridge within the lockstep engine: sensors, features, node, and a process that can hang, stall and die."""
+
+from __future__ import annotations
+
+import random
+from typing import TYPE_CHECKING, Any
+
+from hilbridge.config import SensorsConfig
+from hilbridge.core.bridge import Bridge, BridgeConfig
+from hilbridge.core.gate import GateConfig
+from hilbridge.errors import InputError
+from hilbridge.features.assembler import FeatureAssembler
+from hilbridge.intent.tremor import TremorGuard
+from hilbridge.records import CameraFrame, FeatureVector, Frame, GazeSample, HandTracks
+from hilbridge.runtime.health import SensorSeen
+from hilbridge.runtime.node import BridgeNode, Tick
+from hilbridge.verbs import VERBS
+from hilbridge.wire.codec import Codec
+from hilbridge.wire.link import WireLink
+from hilbridge.wire.secoc import DEMO_KEY, Authenticator
+from scenarios.faults import Active
+from scenarios.intent import bundle, make_predictor
+from scenarios.schema import GatePart
+from scenarios.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, edges
+from scenarios.tap import Tap
+
+if TYPE_CHECKING:
+    from scenarios.engine import Lockstep
+
+MS = 1_000_000
+TICK_PERIOD_NS = 40 * MS
+# What a live run was seen to need: a picture is features 12 ms after its capture, and the tick follows 3 ms later.
+VISION_NS = 12 * MS
+TICK_PHASE_NS = 15 * MS
+_PROBE_STEP = 16
+_LIMITS = SensorsConfig()
+_CODEC = Codec()
+
+
+def gate_config(gate: GatePart) -> GateConfig:
+    """Thresholds of the scenario over those of the bundle. Raises InputError."""
+    thresholds = bundle().thresholds
+    tau_on = thresholds.tau_on if gate.tau_on is None else gate.tau_on
+    tau_off = min(thresholds.tau_off, tau_on - 0.05) if gate.tau_off is None else gate.tau_off
+    try:
+        return GateConfig(tau_on=tau_on, tau_off=tau_off, alpha=gate.alpha, refractory_ns=gate.refractory)
+    except ValueError as error:
+        raise InputError(f"gate: {error}") from None
+
+
+class BridgeSide:
+    """Sensors -> features -> node -> controller chip. `alive` and `running` are the process's."""
+
+    def __init__(self, world: Lockstep, tap: Tap) -> None:
+        self.world, self.tap = world, tap
+        scenario = world.scenario
+        self._camera, self._gaze, self._hands = edges(world.body, world.board, scenario.seed)
+        self.ticks: list[dict[str, Any]] = []
+        self.alive = True
+        self._hung = self._stalled = False
+        self.ticks_missed = 0
+        self.send_failed = 0
+        self._nonces = random.Random(f"{scenario.seed}.nonces")
+        self._generation = 0
+        self._bus_code = 0
+        self._boot()
+
+    def _boot(self) -> None:
+        """A process that starts: nothing of an earlier one is left."""
+        scenario = self.world.scenario
+        self.wire = WireLink(_CODEC)
+        bridge = Bridge(
+            self.wire,
+            Authenticator(DEMO_KEY),
+            lambda: self._nonces.getrandbits(32),
+            BridgeConfig(),
+            lambda: self.wire.counters,
+        )
+        self.node = BridgeNode(
+            make_predictor(scenario),
+            gate_config(scenario.gate),
+            bridge,
+            self.wire,
+            bundle().bundle_id,
+            TremorGuard(),
+            lambda now_ns, text: self.world.record("/event", now_ns, {"text": text}),
+        )
+        self._assembler = FeatureAssembler()
+        self._frame: CameraFrame | None = None
+        self._sample: GazeSample | None = None
+        self._vector: FeatureVector | None = None
+        self._camera_ns: int | None = None
+        self._gaze_ns: int | None = None
+        self._changed_ns: int | None = None
+        self._probe = b""
+        self._inbox: list[Frame] = []
+
+    def start(self) -> None:
+        """Plan the first of everything."""
+        self.world.at(0, self._look)
+        self.world.at(0, self._glance)
+        self.world.at(TICK_PHASE_NS, self._tick)
+
+    @property
+    def _running(self) -> bool:
+        return self.alive and not self._hung
+
+    # Sensors
+
+    def _look(self) -> None:
+        now_ns = self.world.clock.time_ns
+        self.world.at(now_ns + CAMERA_PERIOD_NS, self._look)
+        delivered = self._camera.deliver(now_ns)
+        if delivered is None:
+            return
+        arrives_ns, frame = delivered
+        generation = self._generation
+        self.world.at(arrives_ns + VISION_NS, lambda: self._see(frame, generation))
+
+    def _see(self, frame: CameraFrame, generation: int) -> None:
+        """The vision worker: hands, features."""
+        if not self._running or generation != self._generation:
+            return
+        probe = frame.rgb[::_PROBE_STEP, ::_PROBE_STEP].tobytes()
+        if probe != self._probe:
+            self._probe, self._changed_ns = probe, frame.captured_ns
+        self._camera_ns = frame.captured_ns
+        found = self._hands.deliver(max(0, frame.captured_ns))
+        hands: HandTracks | None = None
+        if found is not None:
+            late_ns, hands = found[0] - frame.captured_ns, found[1]
+            if late_ns > 0:  # a detector that lags: it tells of an earlier picture
+                earlier = self.world.body.hands(max(0, frame.captured_ns - late_ns))
+                hands = HandTracks(frame.captured_ns - late_ns, earlier.hands)
+        sample, self._sample = self._sample, None
+        self._vector = self._assembler.update(frame, sample, hands, frame.captured_ns)
+
+    def _glance(self) -> None:
+        now_ns = self.world.clock.time_ns
+        self.world.at(now_ns + GAZE_PERIOD_NS, self._glance)
+        delivered = self._gaze.deliver(now_ns)
+        if delivered is not None:
+            arrives_ns, sample = delivered
+            generation = self._generation
+            self.world.at(arrives_ns, lambda: self._take_gaze(sample, generation))
+
+    def _take_gaze(self, sample: GazeSample, generation: int) -> None:
+        if self._running and generation == self._generation:
+            self._sample, self._gaze_ns = sample, sample.captured_ns
+
+    def _seen(self) -> tuple[SensorSeen, ...]:
+        return (
+            SensorSeen(
+                "camera",
+                True,
+                self._camera_ns,
+                self._changed_ns,
+                _LIMITS.camera_timeout_ms * MS,
+                _LIMITS.freeze_ms * MS,
+            ),
+            SensorSeen("gaze", True, self._gaze_ns, None, _LIMITS.gaze_timeout_ms * MS),
+        )
+
+    # The loop
+
+    def _tick(self) -> None:
+        world = self.world
+        now_ns = world.clock.time_ns
+        world.at(now_ns + TICK_PERIOD_NS, self._tick)
+        if not self._running or self._stalled:
+            self.ticks_missed += 1
+            for fault in ("bridge.hang", "bridge.stall"):
+                if (active := world.board.get(fault)) is not None:
+                    active.took_effect()
+            return
+        self._run_tick(now_ns)
+
+    def _run_tick(self, now_ns: int) -> None:
+        vector, self._vector = self._vector, None
+        tick = self.node.tick(vector, self._seen(), now_ns)
+        self._send(tick.frames)
+        self._note(tick, now_ns)
+
+    def poll(self) -> None:
+        """Once a millisecond: take in what has arrived, answer it, notice the state of the controller chip."""
+        world, station = self.world, self.world.bridge_station
+        while (arrival := station.receive()) is not None:
+            if self.alive:
+                frame = arrival.frame
+                self._inbox.append(
+                    Frame(
+                        frame.can_id,
+                        frame.data,
+                        arrival.stamp_ns,
+                        arrival.stamp_ns,
+                        arrival.error,
+                        frame.is_fd,
+                        frame.is_extended,
+                        0,
+                        frame.is_remote,
+                    )
+                )
+        if not self._running or self._stalled:
+            return
+        now_ns = world.clock.time_ns
+        for frame in self._inbox:
+            decoded, answers = self.node.receive(frame, frame.received_ns)
+            world.record(
+                "/can",
+                now_ns,
+                {
+                    "dir": "rx",
+                    "id": frame.can_id,
+                    "data": frame.data.hex(),
+                    "name": None if decoded is None else decoded.name,
+                    "received_ns": frame.received_ns,
+                },
+            )
+            self._send(answers)
+        self._inbox.clear()
+        self._send(self.node.bridge.poll(now_ns))
+        code, off = world.bus_code()
+        if code != self._bus_code:
+            self._bus_code = code
+            self.node.bridge.on_bus_state(code, off)
+            if off:
+                self.node.bridge.on_send_failed(bus_down=True)
+
+    def _send(self, frames: list[Frame]) -> None:
+        now_ns = self.world.clock.time_ns
+        for frame in frames:
+            self.world.record("/can", now_ns, {"dir": "tx", "id": frame.can_id, "data": frame.data.hex()})
+            for when_ns, can_id, data in self.tap.send(frame.can_id, frame.data, now_ns):
+                self.world.put_on_bus(self.world.bridge_station, when_ns, can_id, data, self._not_sent)
+
+    def _not_sent(self) -> None:
+        self.send_failed += 1
+        self.node.bridge.on_send_failed(bus_down=False)
+
+    def _note(self, tick: Tick, now_ns: int) -> None:
+        truth = self.world.body.calm.truth(now_ns)
+        verb = tick.decision.verb_index
+        row = tick.row
+        row["truth"] = None if truth.intended is None else VERBS[truth.intended]
+        row["right"] = None if verb is None else truth.is_right(verb)
+        self.ticks.append(row)
+        self.world.record("/tick", now_ns, row)
+        put, time_ms = self.world.tracks.put, now_ns / MS
+        put(time_ms, "gate.act", row["action"] == "ACT")
+        put(time_ms, "gate.verb", str(row["verb"]))
+        put(time_ms, "gate.reason", row["reason"])
+        put(time_ms, "gate.confidence", row["confidence"])
+        put(time_ms, "gate.right", row["right"] is True)
+        put(time_ms, "bridge.armed", row["armed"])
+        age_ms = row["sensing_age_ms"]
+        put(time_ms, "bridge.sensing_age_ms", 1e6 if age_ms is None else age_ms)
+        put(time_ms, "wearer.intended", str(row["truth"]))
+
+    # Faults of the process
+
+    def begin(self, active: Active) -> None:
+        """bridge.hang, bridge.stall, bridge.kill, bridge.restart."""
+        fault = active.step.fault
+        if fault == "bridge.hang":
+            self._hung = True
+        elif fault == "bridge.stall":
+            self._stalled = True
+        else:
+            active.took_effect(1 if self.alive else 0)
+            self.alive = self._hung = self._stalled = False
+            self._generation += 1
+            self._say_dead()
+            if fault == "bridge.restart":
+                self.world.at(self.world.clock.time_ns + round(active["down_ms"] * MS), self._come_back)
+
+    def end(self, active: Active) -> None:
+        """A process that goes on does at once what it is late for: a tick first, then what has piled up."""
+        if active.step.fault not in ("bridge.hang", "bridge.stall") or not self.alive:
+            return
+        if active.step.fault == "bridge.hang":
+            self._hung = False
+        else:
+            self._stalled = False
+        if not self._hung and not self._stalled:
+            self._run_tick(self.world.clock.time_ns)
+
+    def _come_back(self) -> None:
+        if not self.alive:
+            self.alive = True
+            self._generation += 1
+            self._boot()
+
+    def _say_dead(self) -> None:
+        time_ms = self.world.clock.time_ns / MS
+        self.world.tracks.put(time_ms, "gate.act", False)
+        self.world.tracks.put(time_ms, "gate.reason", "dead")

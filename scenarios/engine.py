@@ -1,0 +1,291 @@
+"""The lockstep engine: bridge, predictor, bit-level bus, controller at 1 kHz, arm and wearer on one event heap.
+
+Every part is the code that runs live; only clock and sockets are the engine's. Time is the world's, in ns from 0; the
+device's clock runs off by the scenario's ppm. The same scenario and seed give the same run, to the byte.
+"""
+
+from __future__ import annotations
+
+import heapq
+import math
+import random
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from firmware_sim.device import Device
+from firmware_sim.memory import ControllerState as DeviceState
+from firmware_sim.memory import Received
+from firmware_sim.plant.actuator import LAG_S
+from firmware_sim.secoc import DEMO_KEY
+from hilbridge.bus.error_frames import ControllerState
+from hilbridge.bus.events import Enqueued
+from hilbridge.bus.frames import WireFrame
+from hilbridge.bus.inprocess import Network, Station
+from hilbridge.bus.medium import Medium
+from hilbridge.bus.wire_faults import Corruption, Where, WireCut, WireFaults
+from scenarios.bridge_side import BridgeSide
+from scenarios.faults import FOREVER_NS, Active, FaultBoard
+from scenarios.intruder import Intruder
+from scenarios.probes import DeviceProbe
+from scenarios.schema import Scenario
+from scenarios.sensing import Body
+from scenarios.stl import holds_now, signal_names
+from scenarios.tap import Tap
+from scenarios.tracks import Tracks
+
+MS = 1_000_000
+Record = Callable[[str, int, Mapping[str, Any]], None]
+_BUS_CODES = {
+    ControllerState.ACTIVE: 1,
+    ControllerState.WARNING: 2,
+    ControllerState.PASSIVE: 3,
+    ControllerState.BUS_OFF: 4,
+}
+
+
+class WorldClock:
+    """The engine's time, for the bus."""
+
+    def __init__(self) -> None:
+        self.time_ns = 0
+
+    def now_ns(self) -> int:
+        """The present."""
+        return self.time_ns
+
+    def wait_until(self, when_ns: int) -> None:
+        """Nobody waits here: the heap says what comes next."""
+        raise AssertionError("the lockstep engine never waits on its bus")
+
+
+class Lockstep:
+    """One run. `run()` once; `tracks`, `board`, `device` and `bridge` tell what happened."""
+
+    def __init__(self, scenario: Scenario, record: Record = lambda topic, time_ns, row: None) -> None:
+        self.scenario = scenario
+        self.clock = WorldClock()
+        self.tracks = Tracks()
+        self.board = FaultBoard(scenario.steps)
+        self.record = record
+        self.body = Body(scenario, self.board)
+        self._heap: list[tuple[int, int, Callable[[], None]]] = []
+        self._order = 0
+        self._random = random.Random(scenario.seed)
+        self._faults = WireFaults(seed=scenario.seed, bit_error_rate=scenario.bus.bit_error_rate)
+        self.network = Network(Medium(scenario.bus.bitrate, faults=self._faults), self.clock)
+        self.wire_effects: dict[str, int] = {}
+        self._cutting: Active | None = None
+        self._forcing_off: Active | None = None
+        self._attach()
+        self.bridge = BridgeSide(self, Tap("bridge", self.board, scenario.seed))
+        self.intruder = Intruder(self, self.bridge.tap)
+        self._tick_ns = round(MS * (1.0 + scenario.device.clock_ppm * 1e-6))
+        self._waiting = {number for number, step in enumerate(scenario.steps) if step.when is not None}
+        self._names = {number: signal_names(scenario.steps[number].when or "") for number in self._waiting}
+        self._looked_at = -1
+
+    def _attach(self) -> None:
+        self.bridge_station = self.network.attach("bridge")
+        self.device_station = self.network.attach("device")
+        self.device = Device(DeviceState(DEMO_KEY, self._random.getrandbits(32)), self.scenario.device.arm)
+        self.device_tap = Tap("device", self.board, self.scenario.seed)
+        self.probe = DeviceProbe(self.tracks, self.record)
+        self._device_dropped = 0
+        self._frames: list[Received] = []
+
+    # The heap
+
+    def at(self, when_ns: int, do: Callable[[], None]) -> None:
+        """Have something done at `when_ns` (or now, if that is past); first come, first served within one time."""
+        self._order += 1
+        heapq.heappush(self._heap, (max(when_ns, self.clock.time_ns), self._order, do))
+
+    def run(self) -> None:
+        """From 0 to the scenario's end."""
+        for number, step in enumerate(self.scenario.steps):
+            if step.at is not None:
+                self.at(step.at, self._striker(number))
+        self.bridge.start()
+        self.at(self._tick_ns, self._device_tick)
+        end_ns = self.scenario.duration
+        heap = self._heap
+        while heap and heap[0][0] <= end_ns:
+            self.clock.time_ns, _, do = heapq.heappop(heap)
+            do()
+        self.clock.time_ns = end_ns
+
+    def counters(self) -> dict[str, int]:
+        """Everything that was counted on both sides and on the wire."""
+        side = self.bridge
+        device = {f"device.{index}": value for index, value in enumerate(self.device.state.counters)}
+        wire = {f"wire.{name}": value for name, value in side.wire.counters.items()}
+        effects = {f"medium.{name}": times for name, times in sorted(self.wire_effects.items())}
+        sent = {"bridge.send_failed": side.send_failed, "device.send_dropped": self._device_dropped}
+        return {**device, **wire, **effects, **sent, "bridge.ticks_missed": side.ticks_missed}
+
+    # Faults
+
+    def _striker(self, number: int) -> Callable[[], None]:
+        return lambda: self.strike(number)
+
+    def strike(self, number: int) -> None:
+        """Begin a step, plan its end and its next time."""
+        now_ns, step = self.clock.time_ns, self.scenario.steps[number]
+        active = self.board.strike(number, now_ns)
+        self._note_faults()
+        self.record("/event", now_ns, {"text": f"fault: {step.fault} begins"})
+        self._begin(active)
+        if step.for_ is not None:
+            self.at(now_ns + step.for_, lambda: self._finish(number))
+        elif active.step.fault in _INSTANT:
+            # An instant is over at once; its mark stays for a millisecond, so that expectations can see it.
+            self.at(now_ns + MS, lambda: self._finish(number))
+        if step.every is not None:
+            self.at(now_ns + step.every, self._striker(number))
+
+    def _finish(self, number: int) -> None:
+        active = self.board.end(number)
+        self._note_faults()
+        self.record("/event", self.clock.time_ns, {"text": f"fault: {active.step.fault} ends"})
+        self._end(active)
+
+    def _note_faults(self) -> None:
+        time_ms = self.clock.time_ns / MS
+        under_way = self.board.names()
+        for name in {step.fault for step in self.scenario.steps}:
+            self.tracks.put(time_ms, f"fault.{name}", name in under_way)
+        self.tracks.put(time_ms, "fault.any", bool(under_way))
+
+    def _begin(self, active: Active) -> None:
+        fault, device = active.step.fault, self.device
+        if fault.startswith("bridge."):
+            self.bridge.begin(active)
+        elif fault in ("bus.babble", "bus.replay", "bus.forge", "bus.stop"):
+            self.intruder.begin(active)
+        elif fault == "bus.cut":
+            self._cutting = active
+            self._use_wire(cuts=(WireCut(frozenset({"bridge", "device", "intruder"}), self.clock.time_ns, FOREVER_NS),))
+        elif fault == "bus.bus_off":
+            # Every frame of the bridge destroyed 32 times in a row: TEC + 8 each, bus-off at 256.
+            self._forcing_off = active
+            self._use_wire(
+                corruptions=tuple(Corruption(can_id, Where.CRC, count=40) for can_id in (0x060, 0x061, 0x120, 0x300))
+            )
+        elif fault == "device.sensor_fault":
+            device.encoder_offset_mdeg = round(active["offset_deg"] * 1000)
+        elif fault == "device.actuator_lag":
+            device.break_motor(lag_s=active["time_constant_ms"] / 1000)
+        elif fault == "device.torque_bias":
+            device.break_motor(bias_nm=active["bias_nm"])
+        elif fault == "device.tick_overrun":
+            device.skip(round(active["overrun_ms"]))
+            active.took_effect()
+
+    def _end(self, active: Active) -> None:
+        fault, device = active.step.fault, self.device
+        if fault.startswith("bridge."):
+            self.bridge.end(active)
+        elif fault == "bus.cut":
+            self._cutting = None
+            self._use_wire()
+        elif fault == "bus.stale_queue":
+            self.intruder.release(self.bridge.tap.release())
+        elif fault == "device.sensor_fault":
+            device.encoder_offset_mdeg = 0
+        elif fault in ("device.actuator_lag", "device.torque_bias"):
+            device.break_motor()
+
+    def _use_wire(self, **faults: Any) -> None:
+        """Exchange the wire's faults, keeping count of what the old ones did."""
+        self.network.pump()
+        for name, times in self.network.medium.fault_state.effects.items():
+            self.wire_effects[name] = self.wire_effects.get(name, 0) + times
+        self.network.medium.use_faults(
+            WireFaults(seed=self._random.getrandbits(32), bit_error_rate=self.scenario.bus.bit_error_rate, **faults)
+        )
+
+    def _look_for_conditions(self) -> None:
+        if not self._waiting or self._looked_at == self.tracks.version:
+            return
+        self._looked_at = self.tracks.version
+        for number in sorted(self._waiting):
+            step = self.scenario.steps[number]
+            if self._names[number] <= self.tracks.now.keys() and holds_now(step.when or "", self.tracks.now):
+                self._waiting.discard(number)
+                self.at(self.clock.time_ns + step.after, self._striker(number))
+
+    # The device
+
+    def _device_tick(self) -> None:
+        now_ns, device, station = self.clock.time_ns, self.device, self.device_station
+        self._wearers_arm(now_ns)
+        frames = []
+        while (arrival := station.receive()) is not None:
+            if not arrival.error:
+                wire = arrival.frame
+                plain = not (wire.is_extended or wire.is_fd or wire.is_remote)
+                frames.append(Received(wire.can_id, wire.data, plain))
+        device.bus_off = station.state is ControllerState.BUS_OFF
+        outgoing = device.tick(tuple(frames), self._random.getrandbits(32), 0, self._device_dropped)
+        for can_id, data in outgoing:
+            for when_ns, sent_id, sent_data in self.device_tap.send(can_id, data, now_ns):
+                self.put_on_bus(station, when_ns, sent_id, sent_data, self._device_drop)
+        self.probe.look(device, now_ns, frames)
+        self.bridge.poll()
+        if self._cutting is not None and outgoing:
+            self._cutting.took_effect()
+        self._look_for_conditions()
+        self.at(now_ns + self._tick_ns, self._device_tick)
+
+    def _device_drop(self) -> None:
+        self._device_dropped += 1
+
+    def _wearers_arm(self, now_ns: int) -> None:
+        extra_nm = 0.0
+        get = self.board.get
+        if (opposing := get("wearer.opposing")) is not None and self.device.state.torque.assist_unm:
+            extra_nm -= opposing["torque_nm"] * (1.0 if self.device.state.torque.assist_unm > 0 else -1.0)
+            opposing.took_effect()
+        if (tremor := get("wearer.tremor")) is not None:
+            extra_nm += tremor_torque_nm(tremor, now_ns)
+        self.device.wearer_extra_nm = extra_nm
+        for fault in ("device.sensor_fault", "device.actuator_lag", "device.torque_bias"):
+            if (active := get(fault)) is not None and (
+                fault != "device.actuator_lag"
+                or (abs(self.device.actuator.torque_nm) > 0 and active["time_constant_ms"] > LAG_S * 1000)
+            ):
+                active.took_effect()
+
+    # The bus
+
+    def put_on_bus(
+        self,
+        station: Station,
+        when_ns: int,
+        can_id: int,
+        data: bytes,
+        dropped: Callable[[], None],
+    ) -> None:
+        """Hand a frame to a controller chip, now or later; a full queue or a bus-off chip drops it, which is told."""
+        if when_ns > self.clock.time_ns:
+            self.at(when_ns, lambda: self.put_on_bus(station, when_ns, can_id, data, dropped))
+        elif station.send(WireFrame(can_id, data)) is not Enqueued.QUEUED:
+            dropped()
+
+    def bus_code(self) -> tuple[int, bool]:
+        """The bridge's controller chip: code for BRIDGE_DIAG, and whether it is bus-off."""
+        state = self.bridge_station.state
+        off = state is ControllerState.BUS_OFF
+        if off and self._forcing_off is not None:
+            self._forcing_off.took_effect()
+            self._forcing_off = None
+            self._use_wire()
+        return _BUS_CODES.get(state, 0), off
+
+
+def tremor_torque_nm(tremor: Active, now_ns: int) -> float:
+    """The wearer's shaking muscles: 0.3 N m per degree of the arm's amplitude at the tremor's frequency."""
+    return 0.3 * tremor["arm_deg"] * math.sin(2.0 * math.pi * tremor["hz"] * now_ns * 1e-9)
+
+
+_INSTANT = frozenset({"bus.bus_off", "bus.stop", "bridge.kill", "bridge.restart", "device.tick_overrun"})

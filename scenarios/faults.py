@@ -1,0 +1,71 @@
+"""Which faults are under way and how often each took effect. Everybody who carries one out asks here."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from scenarios.schema import Step
+
+FOREVER_NS = 1 << 62
+
+
+@dataclass(slots=True, eq=False)  # two steps may be the same fault
+class Active:
+    """One step of the scenario while it is under way; `effects` counts what it really did, over all its strikes."""
+
+    step: Step
+    from_ns: int = 0
+    until_ns: int = FOREVER_NS
+    effects: int = 0
+    strikes: int = 0
+
+    def took_effect(self, times: int = 1) -> None:
+        """Count what the fault did."""
+        self.effects += times
+
+    def __getitem__(self, option: str) -> float:
+        return self.step.options[option]
+
+
+@dataclass(slots=True)
+class FaultBoard:
+    """All steps of one scenario. `get` is asked very often and costs one dictionary look-up."""
+
+    steps: tuple[Step, ...]
+    all: list[Active] = field(init=False)
+    _under_way: dict[str, list[Active]] = field(init=False, default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.all = [Active(step) for step in self.steps]
+
+    def get(self, fault: str) -> Active | None:
+        """The youngest strike of that fault under way, or None."""
+        found = self._under_way.get(fault)
+        return found[-1] if found else None
+
+    def strike(self, number: int, now_ns: int) -> Active:
+        """Begin step `number`; its end is the caller's to schedule."""
+        active = self.all[number]
+        active.strikes += 1
+        active.from_ns = now_ns
+        active.until_ns = FOREVER_NS if active.step.for_ is None else now_ns + active.step.for_
+        self._under_way.setdefault(active.step.fault, []).append(active)
+        return active
+
+    def end(self, number: int) -> Active:
+        """End step `number`."""
+        active = self.all[number]
+        under_way = self._under_way.get(active.step.fault, [])
+        if active in under_way:
+            under_way.remove(active)
+        if not under_way:
+            self._under_way.pop(active.step.fault, None)
+        return active
+
+    def names(self) -> list[str]:
+        """Faults under way, in the order of their names."""
+        return sorted(self._under_way)
+
+    def effects(self) -> list[tuple[str, int, int]]:
+        """(fault, strikes, effects) of every step, in the order of the file."""
+        return [(active.step.fault, active.strikes, active.effects) for active in self.all]

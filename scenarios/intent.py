@@ -1,0 +1,49 @@
+"""Where estimates come from: the real predictor, or a script that believes what the scenario tells it to."""
+
+from __future__ import annotations
+
+from functools import cache
+
+from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
+from hilbridge.intent.predictor import Predictor
+from hilbridge.records import FeatureVector, IntentEstimate
+from hilbridge.runtime.node import Predicts
+from hilbridge.verbs import VERBS
+from scenarios.schema import Estimate, Scenario
+
+NOTHING = 1.0 / len(VERBS)
+
+
+@cache
+def bundle() -> Bundle:
+    """The bundle that ships, read once."""
+    return load_bundle(demo_bundle_path())
+
+
+class Scripted:
+    """Believes in `verb` with `confidence` from each estimate's time on, whatever it sees; before that in nothing."""
+
+    def __init__(self, script: tuple[Estimate, ...], start_ns: int = 0) -> None:
+        self._script = sorted(script, key=lambda estimate: estimate.at)
+        self._start_ns = start_ns
+
+    def step(self, vector: FeatureVector, produced_ns: int) -> IntentEstimate:
+        verb, confidence = 0, NOTHING
+        for estimate in self._script:
+            if produced_ns - self._start_ns >= estimate.at:
+                verb, confidence = VERBS.index(estimate.verb), estimate.confidence
+        rest = (1.0 - confidence) / (len(VERBS) - 1)
+        probabilities = tuple(confidence if index == verb else rest for index in range(len(VERBS)))
+        return IntentEstimate(
+            vector.oldest_input_ns, produced_ns, probabilities, verb, confidence, bundle().bundle_id, vector.valid
+        )
+
+    def reset(self) -> None: ...
+
+
+def make_predictor(scenario: Scenario, start_ns: int = 0) -> Predicts:
+    """The scenario's source of intent; `start_ns` is its beginning on the caller's clock."""
+    if scenario.intent == "predictor":
+        return Predictor(bundle())
+    assert isinstance(scenario.intent, tuple)
+    return Scripted(scenario.intent, start_ns)

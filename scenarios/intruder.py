@@ -1,0 +1,132 @@
+"""A third node on the bus, for faults that need one: it babbles, replays, forges, empties stale queues, sends STOP."""
+
+from __future__ import annotations
+
+import random
+from collections.abc import Callable, Mapping
+from typing import TYPE_CHECKING
+
+from firmware_sim import frames as layout
+from hilbridge.bus.events import Enqueued
+from hilbridge.bus.frames import WireFrame
+from hilbridge.records import Frame
+from hilbridge.verbs import VERBS
+from hilbridge.wire.codec import Codec, Decoded, Value
+from hilbridge.wire.e2e import protect
+from scenarios.faults import Active
+from scenarios.tap import Tap
+
+if TYPE_CHECKING:
+    from scenarios.engine import Lockstep
+
+MS = 1_000_000
+_QUEUE = 2048  # more than a stale queue holds
+_CODEC = Codec()
+_VERB = VERBS[0]
+
+
+class Forger:
+    """Makes ACT_CMD and ACT_AUTH that are right in CRC, counter, session and echo, and wrong in the MAC alone."""
+
+    def __init__(self, seed: int) -> None:
+        self._random = random.Random(f"{seed}.forger")
+        self._counters = {"ACT_CMD": 0, "ACT_AUTH": 0}
+        self._session = self._echo = 0
+
+    def hear(self, can_id: int, data: bytes) -> None:
+        """Learn session, echo and counters from the bus, as anybody there can."""
+        if len(data) != 8:
+            return
+        if can_id == layout.CTRL_STATUS:
+            self._echo = data[2]
+            decoded = _CODEC.decode(Frame(can_id, data))
+            if isinstance(decoded, Decoded):
+                self._session = int(decoded.signals["Session"])
+        elif can_id in (layout.ACT_CMD, layout.ACT_AUTH):
+            self._counters["ACT_CMD" if can_id == layout.ACT_CMD else "ACT_AUTH"] = data[2]
+
+    def pair(self) -> list[tuple[int, bytes]]:
+        """One forged command with its authorisation."""
+        command = {
+            "Gate": "Act",
+            "Verb": _VERB,
+            "Confidence": 99,
+            "Session": self._session,
+            "Echo": self._echo,
+            "SensingAge": 20,
+        }
+        authorisation = {"Freshness": self._random.getrandbits(8), "Mac": self._random.getrandbits(32)}
+        return [self._made("ACT_CMD", command), self._made("ACT_AUTH", authorisation)]
+
+    def _made(self, message: str, signals: Mapping[str, Value]) -> tuple[int, bytes]:
+        layout_of = _CODEC.messages[message]
+        assert layout_of.data_id is not None
+        counter = self._counters[message] = (self._counters[message] + 1) & 0xFF
+        return layout_of.can_id, protect(_CODEC.encode(message, signals), layout_of.data_id, counter)
+
+
+class Intruder:
+    """The third node. It listens always and sends only while one of its faults is under way."""
+
+    def __init__(self, world: Lockstep, bridge_tap: Tap) -> None:
+        self.world = world
+        self.station = world.network.attach("intruder")
+        world.network.medium.node(self.station.number).queue_limit = _QUEUE
+        self._tap = bridge_tap
+        self._forger = Forger(world.scenario.seed)
+
+    def begin(self, active: Active) -> None:
+        """bus.babble, bus.replay, bus.forge, bus.stop."""
+        begin = {"bus.babble": self._babble, "bus.replay": self._replay, "bus.forge": self._forge}
+        if active.step.fault == "bus.stop":
+            for repeat in range(3):
+                self.world.at(self.world.clock.time_ns + repeat * 10 * MS, lambda: self._stop(active))
+        else:
+            begin[active.step.fault](active)
+
+    def release(self, queue: list[tuple[int, bytes]]) -> None:
+        """Frames that waited in a dead queue go out together."""
+        for can_id, data in queue:
+            self._send(can_id, data)
+
+    def _send(self, can_id: int, data: bytes) -> bool:
+        return self.station.send(WireFrame(can_id, data)) is Enqueued.QUEUED
+
+    def _under_way(self, active: Active) -> bool:
+        return self.world.board.get(active.step.fault) is active
+
+    def _stop(self, active: Active) -> None:
+        active.took_effect(self._send(layout.STOP, b""))
+
+    def _babble(self, active: Active) -> None:
+        """Keeps enough frames waiting for the next millisecond."""
+        if not self._under_way(active):
+            return
+        node = self.world.network.medium.node(self.station.number)
+        wanted = max(1, round(active["per_s"] / 1000))
+        self.world.network.pump()
+        for _ in range(max(0, wanted - len(node.queue))):
+            active.took_effect(self._send(round(active["can_id"]), b"\x55" * 8))
+        self.world.at(self.world.clock.time_ns + MS, lambda: self._babble(active))
+
+    def _replay(self, active: Active) -> None:
+        """Everything that the bridge sent `past_s` ago, in its order and rhythm."""
+        start_ns = self.world.clock.time_ns
+        end_ns = min(active.until_ns, self.world.scenario.duration)
+        past_ns = round(active["past_s"] * 1e9)
+        for sent_ns, can_id, data in list(self._tap.sent):
+            again_ns = sent_ns + past_ns
+            if start_ns <= again_ns < end_ns:
+                self.world.at(again_ns, self._repeater(active, can_id, data))
+
+    def _repeater(self, active: Active, can_id: int, data: bytes) -> Callable[[], None]:
+        return lambda: active.took_effect(self._send(can_id, data))
+
+    def _forge(self, active: Active) -> None:
+        if not self._under_way(active):
+            return
+        while (arrival := self.station.receive()) is not None:
+            if not arrival.error:
+                self._forger.hear(arrival.frame.can_id, arrival.frame.data)
+        active.took_effect(all([self._send(can_id, data) for can_id, data in self._forger.pair()]))
+        self.world.at(self.world.clock.time_ns + round(1e9 / active["per_s"]), lambda: self._forge(active))

@@ -1,0 +1,98 @@
+"""One scenario from its object to its result: run in lockstep, put on a grid, judge."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from firmware_sim.memory import COUNT_LOST, COUNT_TRIPS
+from hilbridge.observe.recording import Recording
+from scenarios.engine import Lockstep
+from scenarios.figures import assist_rise_nm_s, gate_figures, zero_after_fault_ms
+from scenarios.judging import FaultCount, Result, judged
+from scenarios.probes import DEVICE_AT_REST
+from scenarios.safety import safety_expectations
+from scenarios.schema import Scenario
+from scenarios.signals import Trace
+
+MS = 1_000_000
+BRIDGE_AT_REST: dict[str, float | str | bool] = {
+    "gate.act": False,
+    "gate.verb": "None",
+    "gate.reason": "none",
+    "gate.confidence": 0.0,
+    "gate.right": False,
+    "bridge.armed": False,
+    "bridge.sensing_age_ms": 1e6,
+    "wearer.intended": "None",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A result with the signals it was judged on and the bridge's rows, for reports."""
+
+    result: Result
+    trace: Trace
+    ticks: list[dict[str, Any]]
+    scenario: Scenario
+
+
+def initial_values(scenario: Scenario) -> dict[str, float | str | bool]:
+    """Every signal before anything has happened."""
+    faults = {f"fault.{step.fault}": False for step in scenario.steps}
+    return {**DEVICE_AT_REST, **BRIDGE_AT_REST, **faults, "fault.any": False}
+
+
+def with_derived(trace: Trace) -> Trace:
+    """Signals that follow from others."""
+    values = {**trace.values, "device.assist_rise_nm_s": assist_rise_nm_s(trace)}
+    return Trace(trace.step_ms, trace.length, values)
+
+
+def run_scenario(
+    scenario: Scenario, *, recording: Path | None = None, where: str = "scenario", make: type[Lockstep] = Lockstep
+) -> Run:
+    """Run in virtual time and judge. recording: where to leave the MCAP file. Raises InputError."""
+    cpu_s = time.process_time()
+    if recording is None:
+        world = make(scenario)
+        world.run()
+    else:
+        with Recording(recording) as out:
+            out.write("/meta", 0, {"scenario": scenario.name, "seed": scenario.seed})
+
+            def record(topic: str, time_ns: int, row: Mapping[str, Any]) -> None:
+                out.write(topic, time_ns, row)
+
+            world = make(scenario, record)
+            world.run()
+            out.write("/counters", scenario.duration, world.counters())
+    cpu_s = time.process_time() - cpu_s
+    return judge_world(world, cpu_s, where)
+
+
+def judge_world(world: Lockstep, cpu_s: float, where: str) -> Run:
+    """Signals, figures and verdicts of a finished run."""
+    scenario = world.scenario
+    seconds = scenario.duration / 1e9
+    trace = with_derived(world.tracks.trace(scenario.duration / MS, initial_values(scenario)))
+    counters = world.device.state.counters
+    figures = {
+        **gate_figures(world.bridge.ticks, seconds),
+        "assist_s": world.probe.assist_ms / 1000.0,
+        "assist_energy_j": world.probe.energy_j,
+        "max_assist_nm": world.device.peak_assist_unm * 1e-6,
+        "zero_after_fault_ms": zero_after_fault_ms(trace),
+        "trips": float(counters[COUNT_TRIPS]),
+        "frames_rejected": float(sum(counters[1:21])),
+        "frames_lost": float(counters[COUNT_LOST] + world.bridge.wire.counters["LostFrames"]),
+    }
+    judgements = judged(scenario.expect, trace, figures, safety=False, where=where)
+    judgements += judged(safety_expectations(), trace, figures, safety=True, where=where)
+    faults = tuple(FaultCount(*row) for row in world.board.effects())
+    result = Result(scenario.name, scenario.seed, judgements, faults, figures, seconds, cpu_s)
+    return Run(result, trace, world.bridge.ticks, scenario)
