@@ -76,8 +76,9 @@ class BridgeSide:
             BridgeConfig(),
             lambda: self.wire.counters,
         )
+        self.predictor = make_predictor(scenario)
         self.node = BridgeNode(
-            make_predictor(scenario),
+            self.predictor,
             gate_config(scenario.gate),
             bridge,
             self.wire,
@@ -274,7 +275,7 @@ class BridgeSide:
                 self.world.at(self.world.clock.time_ns + round(active["down_ms"] * MS), self._come_back)
 
     def end(self, active: Active) -> None:
-        """A process that goes on does at once what it is late for: a tick first, then what has piled up."""
+        """A process that goes on takes in what has piled up, as an event loop does, then ticks at once: it is late."""
         if active.step.fault not in ("bridge.hang", "bridge.stall") or not self.alive:
             return
         if active.step.fault == "bridge.hang":
@@ -282,6 +283,7 @@ class BridgeSide:
         else:
             self._stalled = False
         if not self._hung and not self._stalled:
+            self.poll()
             self._run_tick(self.world.clock.time_ns)
 
     def _come_back(self) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +15,7 @@ from scenarios.figures import assist_rise_nm_s, gate_figures, zero_after_fault_m
 from scenarios.judging import FaultCount, Result, judged
 from scenarios.probes import DEVICE_AT_REST
 from scenarios.safety import safety_expectations
+from scenarios.profile import Profile, profiled
 from scenarios.schema import Scenario
 from scenarios.signals import Trace
 
@@ -54,12 +55,19 @@ def with_derived(trace: Trace) -> Trace:
 
 
 def run_scenario(
-    scenario: Scenario, *, recording: Path | None = None, where: str = "scenario", make: type[Lockstep] = Lockstep
+    scenario: Scenario, *, recording: Path | None = None, where: str = "scenario", profile: bool = False
 ) -> Run:
     """Run in virtual time and judge. recording: where to leave the MCAP file. Raises InputError."""
+    parts: Profile | None = None
+
+    def prepared(world: Lockstep) -> Lockstep:
+        nonlocal parts
+        parts = profiled(world) if profile else None
+        return world
+
     cpu_s = time.process_time()
     if recording is None:
-        world = make(scenario)
+        world = prepared(Lockstep(scenario))
         world.run()
     else:
         with Recording(recording) as out:
@@ -68,11 +76,14 @@ def run_scenario(
             def record(topic: str, time_ns: int, row: Mapping[str, Any]) -> None:
                 out.write(topic, time_ns, row)
 
-            world = make(scenario, record)
+            world = prepared(Lockstep(scenario, record))
             world.run()
             out.write("/counters", scenario.duration, world.counters())
     cpu_s = time.process_time() - cpu_s
-    return judge_world(world, cpu_s, where)
+    run = judge_world(world, cpu_s, where)
+    if parts is None:
+        return run
+    return replace(run, result=replace(run.result, profile=parts.per_second(scenario.duration / 1e9, cpu_s)))
 
 
 def judge_world(world: Lockstep, cpu_s: float, where: str) -> Run:

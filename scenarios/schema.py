@@ -265,3 +265,15 @@ def _line(node: Any, location: tuple[int | str, ...]) -> int:
             return int(line)
         node = found
     return int(line)
+
+
+def reseeded(scenario: Scenario, seed: int | None) -> Scenario:
+    """The same scenario with another seed; None leaves it as it is."""
+    return scenario if seed is None else scenario.model_copy(update={"seed": seed})
+
+
+def dump_scenario(scenario: Scenario) -> str:
+    """YAML that `load_scenario` reads back to an equal object; what has its default is left out."""
+    data = scenario.model_dump(mode="json", by_alias=True, exclude_defaults=True, exclude_none=True)
+    text: str = yaml.safe_dump(data, sort_keys=False, width=110, allow_unicode=True)
+    return text

@@ -13,7 +13,7 @@ import markupsafe
 from hilbridge.observe.recording import Row, read_recording
 from hilbridge.observe.summary import Summary, summarise
 
-_STATE_COLOURS = {
+STATE_COLOURS = {
     "Boot": "#c9ced6",
     "SelfTest": "#c9ced6",
     "Follow": "#8ecae6",
@@ -86,12 +86,12 @@ def timeline_svg(rows: Sequence[Row], meta: dict[str, Any]) -> str:
     gate.set(ylim=(0, 1), yticks=[0.23, 0.75], yticklabels=["wearer", "gate"])
 
     for (begin_s, end_s), data in _runs(states, start_ns, ("state",)):
-        device.axvspan(begin_s, end_s, color=_STATE_COLOURS.get(data["state"], "#000000"), lw=0)
+        device.axvspan(begin_s, end_s, color=STATE_COLOURS.get(data["state"], "#000000"), lw=0)
     device.set(yticks=[], ylabel="device", ylim=(0, 1))
     shown = {row.data["state"] for row in states}
-    handles = [Rectangle((0, 0), 1, 1, color=colour) for state, colour in _STATE_COLOURS.items() if state in shown]
+    handles = [Rectangle((0, 0), 1, 1, color=colour) for state, colour in STATE_COLOURS.items() if state in shown]
     device.legend(
-        handles, [s for s in _STATE_COLOURS if s in shown], loc="upper right", fontsize=7, ncols=9, framealpha=0.9
+        handles, [s for s in STATE_COLOURS if s in shown], loc="upper right", fontsize=7, ncols=9, framealpha=0.9
     )
 
     moments = [(row.time_ns - start_ns) / 1e9 for row in torques]
@@ -99,7 +99,7 @@ def timeline_svg(rows: Sequence[Row], meta: dict[str, Any]) -> str:
     torque.plot(moments, [row.data["gravity_nm"] for row in torques], color="#457b9d", lw=1, label="gravity support")
     torque.set(ylabel="torque (N m)", xlabel="time (s)", xlim=(0, max(seconds[-1], 0.1)))
     torque.legend(loc="upper right", fontsize=8, ncols=2)
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def latency_svg(ticks: Sequence[Row]) -> str:
@@ -114,7 +114,7 @@ def latency_svg(ticks: Sequence[Row]) -> str:
     axis.hist(values, bins=40, color="#457b9d")
     axis.axvline(150, color="#d1495b", lw=1)
     axis.set(xlabel="capture to ACT_CMD (ms); red: limit of 150 ms", ylabel="ticks", xlim=(0, 160))
-    return _svg(figure)
+    return as_svg(figure)
 
 
 def _runs(
@@ -131,7 +131,7 @@ def _runs(
     return spans
 
 
-def _svg(figure: Any) -> str:
+def as_svg(figure: Any) -> str:
     import matplotlib.pyplot as plt
 
     out = io.StringIO()

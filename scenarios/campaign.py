@@ -1,0 +1,233 @@
+"""Campaigns: every fault at many instants in every gate state, ranked by how near each run came to hurting somebody.
+
+joblib runs the samples on all cores, or on a Ray or Dask cluster through their joblib backends; this file only says
+what to run and keeps what came back, so that an interrupted campaign goes on where it was.
+"""
+
+from __future__ import annotations
+
+import json
+import random
+import zlib
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import joblib
+
+from hilbridge.errors import InputError
+from scenarios.run import run_scenario
+from scenarios.schema import Expectation, Scenario, Step, dump_scenario, scenario_of
+from scenarios.vocabulary import FAULTS
+
+# Where a fault strikes: the gate's state at that moment, as conditions on signals.
+GATE_STATES: dict[str, str] = {
+    "hold": "device.state == READY",
+    "turning to act": "gate.act",
+    "acting": "device.assist_nm != 0",
+    "turning to hold": "device.state == RAMP_DOWN",
+}
+_AFTER_MS = {"hold": 700.0, "turning to act": 60.0, "acting": 1500.0, "turning to hold": 45.0}
+_CHUNK = 64
+_RETRIES = 3
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One strike: a fault, `after_ms` after the gate came to `gate`; `number` makes its seed."""
+
+    fault: str
+    gate: str
+    after_ms: float
+    for_ms: float
+    number: int
+
+    @property
+    def key(self) -> str:
+        """What a resumed campaign knows it by."""
+        return f"{self.fault}|{self.gate}|{self.after_ms}|{self.for_ms}|{self.number}"
+
+    @property
+    def file_name(self) -> str:
+        """The file that repeats it."""
+        return f"{self.fault}-{self.number}.yaml"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What one sample came to. `robustness` is the smallest margin of the safety expectations."""
+
+    sample: Sample
+    safe: bool
+    took_effect: bool
+    robustness: float
+    zero_ms: float
+    problems: tuple[str, ...]
+
+    def as_json(self) -> dict[str, Any]:
+        """A line of campaign.jsonl."""
+        return asdict(self)
+
+
+def samples_of(base: Scenario, instants: int, seed: int, only: tuple[str, ...] = ()) -> list[Sample]:
+    """`instants` random moments for every fault in every gate state. Raises InputError for an unknown fault."""
+    unknown = [fault for fault in only if fault not in FAULTS]
+    if unknown:
+        raise InputError(f"unknown fault `{unknown[0]}`; `hilscenario faults` lists them")
+    made: list[Sample] = []
+    for fault in only or sorted(FAULTS):
+        for gate in GATE_STATES:
+            chance = random.Random(f"{seed}.{fault}.{gate}")
+            for instant in range(instants):
+                after_ms = round(chance.uniform(0.0, _AFTER_MS[gate]), 3)
+                for_ms = 0.0 if FAULTS[fault].instant else round(chance.choice((60.0, 180.0, 400.0, 900.0)), 1)
+                made.append(Sample(fault, gate, after_ms, for_ms, instant))
+    return made
+
+
+def scenario_for(base: Scenario, sample: Sample) -> Scenario:
+    """The base with that one strike, judged by safety alone."""
+    step = {"when": GATE_STATES[sample.gate], "after": f"{sample.after_ms} ms", "fault": sample.fault}
+    if sample.for_ms:
+        step["for"] = f"{sample.for_ms} ms"
+    return base.model_copy(
+        update={
+            "name": f"{base.name}: {sample.fault} at {sample.gate} + {sample.after_ms} ms",
+            "seed": base.seed + zlib.crc32(sample.key.encode()) % 1_000_000,
+            "wearer": base.wearer.model_copy(update={"seed": base.wearer.seed or base.seed}),
+            "steps": (*base.steps, Step.model_validate(step)),
+            "expect": (Expectation(that="always device.assist_nm <= 2.001"),),
+        }
+    )
+
+
+def run_sample(base: Scenario, sample: Sample) -> Outcome:
+    """One sample, in a worker."""
+    result = run_scenario(scenario_for(base, sample)).result
+    problems = tuple(f"{j.name} (margin {j.margin:.3g})" for j in result.judgements if not j.holds)
+    return Outcome(
+        sample,
+        not problems,
+        result.faults[-1].worked,
+        result.robustness,
+        result.figures["zero_after_fault_ms"],
+        problems,
+    )
+
+
+@contextmanager
+def _workers(jobs: int, cluster: str | None) -> Iterator[joblib.Parallel]:
+    """A joblib pool on this machine or on a cluster. Raises InputError where that cannot be had."""
+    if cluster is None:
+        yield joblib.Parallel(n_jobs=jobs, return_as="list")
+        return
+    kind, _, _ = cluster.partition(":")
+    try:
+        if kind == "ray":
+            import ray
+            from ray.util.joblib import register_ray
+
+            ray.init(address=None if cluster == "ray" else cluster, log_to_driver=False, include_dashboard=False)
+            register_ray()
+            with joblib.parallel_config(backend="ray"):
+                yield joblib.Parallel(n_jobs=jobs)
+            ray.shutdown()
+        elif kind == "dask":
+            from dask.distributed import Client
+
+            address = cluster.replace("dask://", "tcp://") if "://" in cluster else None
+            with Client(address), joblib.parallel_config(backend="dask"):
+                yield joblib.Parallel(n_jobs=jobs)
+        else:
+            raise InputError(f"cluster {cluster!r}: write ray, ray://HOST:PORT, dask or dask://HOST:PORT")
+    except ImportError:
+        raise InputError(f"cluster {cluster!r} needs the package {kind}; pip install 'hilbridge[{kind}]'") from None
+
+
+def run_campaign(
+    base: Scenario,
+    samples: Sequence[Sample],
+    out: Path,
+    *,
+    jobs: int = -1,
+    cluster: str | None = None,
+    done: Callable[[str], None] = lambda name: None,
+) -> list[Outcome]:
+    """Run what `out` does not hold yet; all outcomes, the nearest to harm first. Raises InputError.
+
+    A chunk whose worker died is run again, at most three times.
+    """
+    out.mkdir(parents=True, exist_ok=True)
+    log = out / "campaign.jsonl"
+    known = _known(log, base)
+    outcomes = [known[sample.key] for sample in samples if sample.key in known]
+    for _ in outcomes:
+        done("")
+    left = [sample for sample in samples if sample.key not in known]
+    with log.open("a", encoding="utf-8") as file, _workers(jobs, cluster) as workers:
+        if not known and file.tell() == 0:
+            file.write(json.dumps({"base": _fingerprint(base)}) + "\n")
+        for start in range(0, len(left), _CHUNK):
+            for outcome in _run_chunk(workers, base, left[start : start + _CHUNK]):
+                outcomes.append(outcome)
+                file.write(json.dumps(outcome.as_json()) + "\n")
+                done(outcome.sample.fault)
+                if not outcome.safe:
+                    repeat = dump_scenario(scenario_for(base, outcome.sample))
+                    (out / outcome.sample.file_name).write_text(repeat, encoding="utf-8")
+            file.flush()
+    return sorted(outcomes, key=lambda outcome: (outcome.safe, outcome.robustness))
+
+
+def _run_chunk(workers: joblib.Parallel, base: Scenario, chunk: Sequence[Sample]) -> list[Outcome]:
+    for attempt in range(_RETRIES + 1):
+        try:
+            outcomes: list[Outcome] = workers(joblib.delayed(run_sample)(base, sample) for sample in chunk)
+            return outcomes
+        except (OSError, RuntimeError) as error:  # loky, Ray and Dask tell of a dead worker by subclasses of these
+            if attempt == _RETRIES:
+                raise InputError(f"campaign: workers die again and again ({type(error).__name__}: {error})") from None
+    raise AssertionError("unreachable")
+
+
+def _fingerprint(base: Scenario) -> str:
+    return f"{zlib.crc32(dump_scenario(base).encode()):08x}"
+
+
+def _known(log: Path, base: Scenario) -> dict[str, Outcome]:
+    """What an earlier, interrupted call left. Raises InputError for the log of another scenario; drops a torn line."""
+    if not log.exists():
+        return {}
+    known: dict[str, Outcome] = {}
+    for number, line in enumerate(log.read_text(encoding="utf-8").splitlines()):
+        try:
+            row = json.loads(line)
+        except ValueError:
+            continue
+        if number == 0:
+            if row.get("base") != _fingerprint(base):
+                raise InputError(f"{log}: belongs to another scenario; name another folder with --out")
+            continue
+        sample = Sample(**row.pop("sample"))
+        known[sample.key] = Outcome(sample, **{**row, "problems": tuple(row["problems"])})
+    return known
+
+
+def base_scenario() -> Scenario:
+    """What the project's own campaign starts from: a scripted belief that makes every gate state in five seconds."""
+    return scenario_of(
+        {
+            "name": "campaign",
+            "seed": 11,
+            "duration": "5 s",
+            "intent": [
+                {"at": "0.9 s", "verb": "Pour", "confidence": 0.97},
+                {"at": "2.9 s", "verb": "Pour", "confidence": 0.1},
+                {"at": "3.6 s", "verb": "Mix", "confidence": 0.97},
+            ],
+            "gate": {"alpha": 0.6, "refractory": "80 ms"},
+            "expect": [{"that": "always device.assist_nm <= 2.001"}],
+        }
+    )

@@ -1,0 +1,159 @@
+"""`hilscenario`: list, run, campaign, minimise, faults, schema. Parse, call one room, print."""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from hilbridge.errors import InputError
+
+# The predictor's matrices are small; a second BLAS thread only takes the processor from the next scenario.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+app = typer.Typer(
+    name="hilscenario",
+    help="Script a wearer and faults, run the whole system in virtual time or on a live bus, judge what happened.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+
+Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text")]
+Paths = Annotated[list[Path], typer.Argument(help="scenario files, or folders of them")]
+Seed = Annotated[int | None, typer.Option(min=0, help="in place of the scenario's own seed")]
+
+
+@app.command("list")
+def list_scenarios(paths: Paths, as_json: Json = False) -> None:
+    """What the scenarios are about, one line each."""
+    from scenarios.collect import collect
+
+    found = [(path, scenario) for path, scenario in collect(paths)]
+    if as_json:
+        rows = [
+            {"file": str(path), "name": s.name, "about": s.about, "hazards": s.hazards, "seconds": s.duration / 1e9}
+            for path, s in found
+        ]
+        typer.echo(json.dumps(rows))
+        return
+    for path, scenario in found:
+        typer.echo(f"{path}  {','.join(scenario.hazards) or '-':<12} {scenario.duration / 1e9:>5g} s  {scenario.name}")
+
+
+@app.command()
+def faults() -> None:
+    """The vocabulary: every fault with its options, defaults and limits."""
+    from scenarios.vocabulary import FAULTS
+
+    for name, kind in sorted(FAULTS.items()):
+        typer.echo(f"{name:<22} {kind.about}{' (an instant)' if kind.instant else ''}")
+        for option, limits in kind.options.items():
+            typer.echo(f"    {option:<18} {limits.default:g} ({limits.low:g} to {limits.high:g}): {limits.about}")
+
+
+@app.command()
+def schema() -> None:
+    """The JSON schema of the format, for editors (`# yaml-language-server: $schema=...`)."""
+    from scenarios.schema import Scenario
+
+    typer.echo(json.dumps(Scenario.model_json_schema(), indent=2))
+
+
+@app.command()
+def run(
+    paths: Paths,
+    out: Annotated[Path | None, typer.Option(help="folder for recordings, pages, results.json, junit.xml")] = None,
+    seed: Seed = None,
+    jobs: Annotated[int, typer.Option(min=1, help="processes at once")] = os.cpu_count() or 1,
+    profile: Annotated[bool, typer.Option("--profile", help="where the time goes, part by part")] = False,
+    live: Annotated[bool, typer.Option("--live", help="real processes and a real clock on --bus")] = False,
+    bus: Annotated[str, typer.Option(help="with --live: vcan0, hilsim:NAME, interface:channel")] = "auto",
+    as_json: Json = False,
+) -> None:
+    """Run scenarios and judge them; exit 1 when one fails, 2 for input that cannot be used."""
+    from scenarios.collect import collect
+    from scenarios.runner import RunOptions, run_all
+    from scenarios.terminal import print_results, progress_bar
+
+    found = collect(paths)
+    options = RunOptions(out, seed, 1 if live or profile else jobs, profile, bus if live else None)
+    with progress_bar(len(found), quiet=as_json) as done:
+        results = run_all(found, options, done)
+    if as_json:
+        typer.echo(json.dumps({"passed": all(r.passed for r in results), "results": [r.as_json() for r in results]}))
+    else:
+        print_results(results, out)
+    if not all(result.passed for result in results):
+        raise typer.Exit(1)
+
+
+@app.command()
+def campaign(
+    base: Annotated[Path, typer.Argument(help="the scenario that every sample starts from")],
+    samples: Annotated[int, typer.Option(min=1, help="instants per fault and gate state")] = 200,
+    fault: Annotated[list[str] | None, typer.Option(help="only these; default: every fault")] = None,
+    seed: Annotated[int, typer.Option(min=0, help="which instants")] = 1,
+    out: Annotated[Path, typer.Option(help="folder for campaign.jsonl; what it holds already is not run again")] = Path(
+        "out/campaign"
+    ),
+    jobs: Annotated[int, typer.Option(help="processes at once; -1: all cores")] = -1,
+    cluster: Annotated[
+        str | None, typer.Option(help="ray, ray://HOST:PORT, or dask://HOST:PORT in place of local processes")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Strike every fault at many instants in every gate state; rank by how near each run came to hurting somebody."""
+    from scenarios.campaign import run_campaign, samples_of
+    from scenarios.schema import load_scenario
+    from scenarios.terminal import print_campaign, progress_bar
+
+    scenario = load_scenario(base)
+    wanted = samples_of(scenario, samples, seed, tuple(fault or ()))
+    with progress_bar(len(wanted), quiet=as_json) as done:
+        outcomes = run_campaign(scenario, wanted, out, jobs=jobs, cluster=cluster, done=done)
+    bad = [outcome for outcome in outcomes if not outcome.safe]
+    if as_json:
+        worst = [outcome.as_json() for outcome in outcomes[:20]]
+        typer.echo(json.dumps({"samples": len(outcomes), "violations": len(bad), "worst": worst}))
+    else:
+        print_campaign(outcomes, base, out)
+    if bad:
+        raise typer.Exit(1)
+
+
+@app.command()
+def minimise(
+    path: Annotated[Path, typer.Argument(help="a scenario that fails")],
+    out: Annotated[Path | None, typer.Option(help="where to write the smaller one; default: NAME.min.yaml")] = None,
+    seed: Seed = None,
+) -> None:
+    """Shrink a failing scenario: fewer faults, shorter, simpler, as long as it still fails in the same way."""
+    from scenarios.minimise import minimise_scenario
+    from scenarios.schema import dump_scenario, load_scenario, reseeded
+
+    scenario = reseeded(load_scenario(path), seed)
+    smaller = minimise_scenario(scenario, say=lambda line: typer.echo(line, err=True))
+    target = out or path.with_suffix(".min.yaml")
+    target.write_text(dump_scenario(smaller), encoding="utf-8")
+    typer.echo(f"{target}: {len(smaller.steps)} of {len(scenario.steps)} faults, {smaller.duration / 1e9:g} s")
+
+
+def main() -> None:
+    """Entry point: bad input is one line and exit code 2; Ctrl-C ends cleanly."""
+    try:
+        app()
+    except InputError as error:
+        sys.stderr.write(f"hilscenario: {error}\n")
+        raise SystemExit(2) from None
+    except KeyboardInterrupt:
+        sys.stderr.write("hilscenario: stopped\n")
+        raise SystemExit(130) from None
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,95 @@
+"""What a person at a terminal sees: a bar while it runs, a table when it is done, the command that repeats a failure."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from rich.console import Console
+from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from scenarios.judging import Result
+
+if TYPE_CHECKING:
+    from scenarios.campaign import Outcome
+
+
+@contextmanager
+def progress_bar(total: int, *, quiet: bool) -> Iterator[Callable[[str], None]]:
+    """A bar on standard error; gives what to call after each, with its name."""
+    console = Console(stderr=True)
+    columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
+    with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
+        task = bar.add_task("", total=total)
+        yield lambda name: bar.update(task, advance=1, description=name)
+
+
+def print_results(results: Sequence[Result], out: Path | None) -> None:
+    """The table, then what failed and how to repeat it."""
+    console = Console(width=None if Console().is_terminal else 120)
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for title in ("", "scenario", "coverage", "precision", "worst zero", "margin", "faults", "CPU"):
+        table.add_column(title, justify="left" if title in ("", "scenario") else "right")
+    for result in results:
+        figures = result.figures
+        precision = figures["act_only_precision"]
+        table.add_row(
+            "[green]ok[/]" if result.passed else "[red]FAILED[/]",
+            result.name,
+            f"{figures['coverage']:.2f}",
+            "-" if math.isnan(precision) else f"{precision:.2f}",
+            f"{figures['zero_after_fault_ms']:.0f} ms",
+            "-" if math.isinf(result.robustness) else f"{result.robustness:.2g}",
+            str(sum(fault.effects for fault in result.faults)),
+            f"{result.cpu_s:.1f} s",
+        )
+    console.print(table)
+    failed = [result for result in results if not result.passed]
+    for result in failed:
+        console.print(f"\n[red]{result.name}[/]")
+        for line in result.problems():
+            console.print(f"  {line}", highlight=False)
+        console.print(f"  repeat: {result.replay}", highlight=False, soft_wrap=True)
+    for result in results:
+        if result.profile:
+            _print_profile(console, result)
+    seconds, cpu_s = sum(r.seconds for r in results), sum(r.cpu_s for r in results)
+    console.print(
+        f"\n{len(results) - len(failed)} of {len(results)} passed; {seconds:.0f} s of the system's life in "
+        f"{cpu_s:.1f} s of processor time ({seconds / max(cpu_s, 1e-9):.0f} x)" + (f"; {out}" if out else "")
+    )
+
+
+def _print_profile(console: Console, result: Result) -> None:
+    console.print(f"\n{result.name}: milliseconds of processor time per second of the system's life")
+    for part, ms in sorted(result.profile.items(), key=lambda item: -item[1]):
+        console.print(f"  {part:<28} {ms:7.2f}", highlight=False)
+
+
+def print_campaign(outcomes: Sequence[Outcome], base: Path, out: Path) -> None:
+    """The samples that came nearest to hurting somebody, nearest first."""
+    console = Console(width=None if Console().is_terminal else 120)
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for title in ("fault", "samples", "unsafe", "no effect", "smallest margin", "worst zero"):
+        table.add_column(title, justify="left" if title == "fault" else "right")
+    for name in sorted({outcome.sample.fault for outcome in outcomes}):
+        mine = [outcome for outcome in outcomes if outcome.sample.fault == name]
+        unsafe = sum(not outcome.safe for outcome in mine)
+        table.add_row(
+            name,
+            str(len(mine)),
+            f"[red]{unsafe}[/]" if unsafe else "0",
+            str(sum(not outcome.took_effect for outcome in mine)),
+            f"{min(outcome.robustness for outcome in mine):.3g}",
+            f"{max(outcome.zero_ms for outcome in mine):.0f} ms",
+        )
+    console.print(table)
+    bad = [outcome for outcome in outcomes if not outcome.safe]
+    for outcome in bad[:10]:
+        console.print(f"[red]unsafe[/] {outcome.sample} {outcome.problems}", highlight=False, soft_wrap=True)
+        console.print(f"  repeat: hilscenario run {out}/{outcome.sample.file_name}", highlight=False, soft_wrap=True)
+    console.print(f"\n{len(outcomes)} samples of {base}, {len(bad)} unsafe; {out}/campaign.jsonl")
