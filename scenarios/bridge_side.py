@@ -5,6 +5,7 @@ from __future__ import annotations
 import random
 from typing import TYPE_CHECKING, Any
 
+from hilbridge.bus.link import Arrival
 from hilbridge.config import SensorsConfig
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.core.gate import GateConfig
@@ -187,20 +188,7 @@ class BridgeSide:
         world, station = self.world, self.world.bridge_station
         while (arrival := station.receive()) is not None:
             if self.alive:
-                frame = arrival.frame
-                self._inbox.append(
-                    Frame(
-                        frame.can_id,
-                        frame.data,
-                        arrival.stamp_ns,
-                        arrival.stamp_ns,
-                        arrival.error,
-                        frame.is_fd,
-                        frame.is_extended,
-                        0,
-                        frame.is_remote,
-                    )
-                )
+                self._inbox.append(_frame(arrival))
         if not self._running or self._stalled:
             return
         now_ns = world.clock.time_ns
@@ -296,3 +284,18 @@ class BridgeSide:
         time_ms = self.world.clock.time_ns / MS
         self.world.tracks.put(time_ms, "gate.act", False)
         self.world.tracks.put(time_ms, "gate.reason", "dead")
+
+
+def _frame(arrival: Arrival) -> Frame:
+    """A bus arrival as the bridge's rooms see it; in virtual time both clocks are the same."""
+    wire, stamp_ns = arrival.frame, arrival.stamp_ns
+    return Frame(
+        wire.can_id,
+        wire.data,
+        stamp_ns,
+        stamp_ns,
+        arrival.error,
+        wire.is_fd,
+        wire.is_extended,
+        is_remote=wire.is_remote,
+    )

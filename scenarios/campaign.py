@@ -29,7 +29,7 @@ GATE_STATES: dict[str, str] = {
     "acting": "device.assist_nm != 0",
     "turning to hold": "device.state == RAMP_DOWN",
 }
-_AFTER_MS = {"hold": 700.0, "turning to act": 60.0, "acting": 1500.0, "turning to hold": 45.0}
+_AFTER_MS = {"hold": 250.0, "turning to act": 60.0, "acting": 900.0, "turning to hold": 45.0}
 _CHUNK = 64
 _RETRIES = 3
 
@@ -216,16 +216,16 @@ def _known(log: Path, base: Scenario) -> dict[str, Outcome]:
 
 
 def base_scenario() -> Scenario:
-    """What the project's own campaign starts from: a scripted belief that makes every gate state in five seconds."""
+    """What the project's own campaign starts from: a scripted belief that makes every gate state in three seconds."""
     return scenario_of(
         {
             "name": "campaign",
             "seed": 11,
-            "duration": "5 s",
+            "duration": "3 s",
             "intent": [
-                {"at": "0.9 s", "verb": "Pour", "confidence": 0.97},
-                {"at": "2.9 s", "verb": "Pour", "confidence": 0.1},
-                {"at": "3.6 s", "verb": "Mix", "confidence": 0.97},
+                {"at": "0.6 s", "verb": "Pour", "confidence": 0.97},
+                {"at": "1.7 s", "verb": "Pour", "confidence": 0.1},
+                {"at": "2.2 s", "verb": "Mix", "confidence": 0.97},
             ],
             "gate": {"alpha": 0.6, "refractory": "80 ms"},
             "expect": [{"that": "always device.assist_nm <= 2.001"}],

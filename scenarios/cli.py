@@ -17,7 +17,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 app = typer.Typer(
     name="hilscenario",
-    help="Script a wearer and faults, run the whole system in virtual time or on a live bus, judge what happened.",
+    help="Script a wearer and faults, run the whole system in virtual time, judge what happened.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -71,8 +71,6 @@ def run(
     seed: Seed = None,
     jobs: Annotated[int, typer.Option(min=1, help="processes at once")] = os.cpu_count() or 1,
     profile: Annotated[bool, typer.Option("--profile", help="where the time goes, part by part")] = False,
-    live: Annotated[bool, typer.Option("--live", help="real processes and a real clock on --bus")] = False,
-    bus: Annotated[str, typer.Option(help="with --live: vcan0, hilsim:NAME, interface:channel")] = "auto",
     as_json: Json = False,
 ) -> None:
     """Run scenarios and judge them; exit 1 when one fails, 2 for input that cannot be used."""
@@ -81,7 +79,7 @@ def run(
     from scenarios.terminal import print_results, progress_bar
 
     found = collect(paths)
-    options = RunOptions(out, seed, 1 if live or profile else jobs, profile, bus if live else None)
+    options = RunOptions(out, seed, 1 if profile else jobs, profile)
     with progress_bar(len(found), quiet=as_json) as done:
         results = run_all(found, options, done)
     if as_json:

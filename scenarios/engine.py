@@ -241,6 +241,9 @@ class Lockstep:
         self._device_dropped += 1
 
     def _wearers_arm(self, now_ns: int) -> None:
+        if self.board.quiet:
+            self.device.wearer_extra_nm = 0.0
+            return
         extra_nm = 0.0
         get = self.board.get
         if (opposing := get("wearer.opposing")) is not None and self.device.state.torque.assist_unm:

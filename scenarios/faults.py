@@ -33,6 +33,7 @@ class FaultBoard:
 
     steps: tuple[Step, ...]
     all: list[Active] = field(init=False)
+    quiet: bool = field(init=False, default=True)  # nothing is under way: the usual case, asked for first
     _under_way: dict[str, list[Active]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -50,6 +51,7 @@ class FaultBoard:
         active.from_ns = now_ns
         active.until_ns = FOREVER_NS if active.step.for_ is None else now_ns + active.step.for_
         self._under_way.setdefault(active.step.fault, []).append(active)
+        self.quiet = False
         return active
 
     def end(self, number: int) -> Active:
@@ -60,6 +62,7 @@ class FaultBoard:
             under_way.remove(active)
         if not under_way:
             self._under_way.pop(active.step.fault, None)
+        self.quiet = not self._under_way
         return active
 
     def names(self) -> list[str]:

@@ -47,7 +47,7 @@ class Forger:
 
     def pair(self) -> list[tuple[int, bytes]]:
         """One forged command with its authorisation."""
-        command = {
+        command: dict[str, Value] = {
             "Gate": "Act",
             "Verb": _VERB,
             "Confidence": 99,
@@ -122,11 +122,15 @@ class Intruder:
     def _repeater(self, active: Active, can_id: int, data: bytes) -> Callable[[], None]:
         return lambda: active.took_effect(self._send(can_id, data))
 
+    def _send_both(self) -> bool:
+        command, authorisation = self._forger.pair()
+        return self._send(*command) & self._send(*authorisation)
+
     def _forge(self, active: Active) -> None:
         if not self._under_way(active):
             return
         while (arrival := self.station.receive()) is not None:
             if not arrival.error:
                 self._forger.hear(arrival.frame.can_id, arrival.frame.data)
-        active.took_effect(all([self._send(can_id, data) for can_id, data in self._forger.pair()]))
+        active.took_effect(self._send_both())
         self.world.at(self.world.clock.time_ns + round(1e9 / active["per_s"]), lambda: self._forge(active))

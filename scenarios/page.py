@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +102,7 @@ def _states(axis: Any, trace: Trace, seconds: Any) -> None:
     colours = {name.upper().replace("RAMPDOWN", "RAMP_DOWN"): colour for name, colour in STATE_COLOURS.items()}
     shown: list[str] = []
     edges = [0, *(np.flatnonzero(states[1:] != states[:-1]) + 1), len(states)]
-    for begin, end in zip(edges, edges[1:], strict=False):
+    for begin, end in itertools.pairwise(edges):
         state = str(states[begin])
         axis.axvspan(seconds[begin], seconds[min(end, len(seconds) - 1)], color=colours.get(state, "#000000"), lw=0)
         if state not in shown:

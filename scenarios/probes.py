@@ -59,13 +59,17 @@ class DeviceProbe:
             self._stopped_ms = tick_ms
         assist_unm = state.torque.assist_unm
         zero = assist_unm == 0
-        put(time_ms, "device.state", state.state.name)
-        put(time_ms, "device.reason", state.reason.name)
-        put(time_ms, "device.armed", state.armed)
+        mark = (state.state, state.reason, state.armed, zero, state.counters[COUNT_TRIPS])
+        changed = mark != self._mark
+        if changed:
+            self._mark = mark
+            put(time_ms, "device.state", state.state.name)
+            put(time_ms, "device.reason", state.reason.name)
+            put(time_ms, "device.armed", state.armed)
+            put(time_ms, "device.assist_zero", zero)
+            put(time_ms, "device.trips", float(mark[4]))
         put(time_ms, "device.assist_nm", assist_unm * 1e-6)
-        put(time_ms, "device.assist_zero", zero)
         put(time_ms, "device.gravity_nm", state.torque.gravity_unm * 1e-6)
-        put(time_ms, "device.trips", float(state.counters[COUNT_TRIPS]))
         if not zero:  # ages matter only while there is assist that they could forbid
             put(time_ms, "device.act_age_ms", NEVER_MS if self._act_ms is None else float(tick_ms - self._act_ms))
             put(time_ms, "device.hold_age_ms", _age(self._hold_since_ms, tick_ms))
@@ -75,9 +79,7 @@ class DeviceProbe:
         if device.ticks % _EVERY_MS == 0:
             put(time_ms, "device.angle_deg", round(57.29578 * device.arm.angle, 3))
             put(time_ms, "device.velocity_deg_s", round(57.29578 * device.arm.velocity, 3))
-        mark = (state.state, state.reason, state.armed, zero)
-        if mark != self._mark or device.ticks % LOG_CYCLE_MS == 0:
-            self._mark = mark
+        if changed or device.ticks % LOG_CYCLE_MS == 0:
             self._record("/device", now_ns, device.record())
 
 

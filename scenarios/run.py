@@ -14,8 +14,8 @@ from scenarios.engine import Lockstep
 from scenarios.figures import assist_rise_nm_s, gate_figures, zero_after_fault_ms
 from scenarios.judging import FaultCount, Result, judged
 from scenarios.probes import DEVICE_AT_REST
-from scenarios.safety import safety_expectations
 from scenarios.profile import Profile, profiled
+from scenarios.safety import safety_expectations
 from scenarios.schema import Scenario
 from scenarios.signals import Trace
 

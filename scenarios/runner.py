@@ -20,13 +20,12 @@ from scenarios.schema import Scenario, reseeded
 
 @dataclass(frozen=True, slots=True)
 class RunOptions:
-    """out: folder or None. live_bus: None for virtual time."""
+    """out: folder, or None to leave nothing behind."""
 
     out: Path | None = None
     seed: int | None = None
     jobs: int = 1
     profile: bool = False
-    live_bus: str | None = None
 
 
 def run_all(
@@ -54,23 +53,18 @@ def _run_one(path: Path, scenario: Scenario, options: RunOptions) -> Result | In
     name = file_name(scenario.name)
     folder = options.out
     try:
-        if options.live_bus is not None:
-            from scenarios.live import run_live
-
-            run = run_live(scenario, options.live_bus, folder or Path("out/live"), where=str(path))
-        else:
-            recording = None if folder is None else folder / f"{name}.mcap"
-            run = run_scenario(scenario, recording=recording, where=str(path), profile=options.profile)
+        recording = None if folder is None else folder / f"{name}.mcap"
+        run = run_scenario(scenario, recording=recording, where=str(path), profile=options.profile)
     except InputError as error:
         return error
-    live = [] if options.live_bus is None else ["--live", "--bus", options.live_bus]
-    replay = shlex.join(["hilscenario", "run", str(path), "--seed", str(scenario.seed), *live])
+    replay = shlex.join(["hilscenario", "run", str(path), "--seed", str(scenario.seed)])
     page = ""
     if folder is not None:
         from scenarios.page import write_page
 
         page = str(write_page(run, folder / f"{name}.html"))
-    return replace(run.result, replay=replay, page=page)
+    result: Result = replace(run.result, replay=replay, page=page)
+    return result
 
 
 def file_name(name: str) -> str:

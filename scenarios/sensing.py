@@ -112,7 +112,10 @@ class SensorEdge(Generic[T]):
         seed: int,
     ) -> None:
         self.name = name
-        self._board, self._observe, self._spoil, self._drift = board, observe, spoil, drift
+        self._board = board
+        self._observe: Callable[[int], T] = observe
+        self._spoil: Callable[[T, random.Random], T] = spoil
+        self._drift: Callable[[T, float], T] = drift
         self._names = tuple(f"{name}.{kind}" for kind in _KINDS)
         self._random = random.Random(f"{seed}.{name}")
         self._last: T | None = None
@@ -120,8 +123,11 @@ class SensorEdge(Generic[T]):
 
     def deliver(self, t_ns: int) -> tuple[int, T] | None:
         """What leaves the sensor for the moment `t_ns`: (when it arrives, content with its stamp), or None."""
-        off, slow, intermittent, stuck, wrong, garbage, drift, delayed, skew = map(self._board.get, self._names)
         self._count += 1
+        if self._board.quiet:
+            self._last = self._observe(t_ns)
+            return t_ns, self._last
+        off, slow, intermittent, stuck, wrong, garbage, drift, delayed, skew = map(self._board.get, self._names)
         if off is not None:
             off.took_effect()
             return None

@@ -6,7 +6,7 @@ import argparse
 import sys
 import time
 
-from tests.safety import checking, conformance, corruption, forgery, fuzz, hung, mutation, replay
+from tests.safety import campaign, checking, conformance, corruption, forgery, fuzz, hung, mutation, replay
 from tests.safety.branches import run as branches
 from tests.safety.table import Row, Scale, printed
 
@@ -19,6 +19,7 @@ PARTS = {
     "fuzz": fuzz.run,
     "branches": branches,
     "mutation": mutation.run,
+    "campaign": campaign.run,
     "hung": hung.run,
 }
 
