@@ -18,6 +18,8 @@ from hilbridge.runtime.simulated_senses import SensorFault, SimulatedSenses
 from hilbridge.verbs import VERBS
 from hilbridge.wearer.person import Wearer
 
+GATE = GateSection(alpha=1.0, refractory_ms=40)
+PARTS = read_parts(Config(gate=GATE))  # DBC and bundle, read once by the server that forks bridges
 VERB = VERBS.index("Pour")  # damping and gravity support in any movement: torque that can be seen
 
 
@@ -46,9 +48,9 @@ def obey(senses: SimulatedSenses, pipe: Connection) -> None:
 
 
 async def bridge(bus: str, pipe: Connection) -> None:
-    config = Config(bus=BusConfig(spec=bus), gate=GateSection(alpha=1.0, refractory_ms=40))
+    config = Config(bus=BusConfig(spec=bus), gate=GATE)
     senses = SimulatedSenses(lambda: Wearer(3, width_px=96, height_px=72), config.sensors)
-    async with live_bridge(config, read_parts(config), senses, lambda *row: None, predict=Sure()) as live:
+    async with live_bridge(config, PARTS, senses, lambda *row: None, predict=Sure()) as live:
         threading.Thread(target=obey, args=(senses, pipe), daemon=True).start()
         pipe.send("ready")
         await live.run()
