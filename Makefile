@@ -26,7 +26,7 @@ demo: $(VENV)/.base  ## run the main job: simulated wearer -> bridge -> CAN -> s
 
 test: $(VENV)/.all  ## lint, types, contracts, unit tests, and the tests on a kernel vcan0
 	$(MAKE) --no-print-directory check
-	$(BIN)/python -m pytest -n 2 --ignore tests/system --ignore tests/vcan
+	$(BIN)/python -m pytest -n 2 --dist worksteal --ignore tests/system --ignore tests/vcan
 	$(BIN)/python -m pytest tests/system  # real processes in real time: one after the other
 	tests/vcan/run $(BIN)/python
 

@@ -61,10 +61,9 @@ class Node:
             self._waiting.extend(self.bus.read(now_ns))
             self._obey()
             due = (now_ns - start_ns) // _TICK_NS
-            if last_tick is not None and due >= last_tick:
-                due = last_tick
-                self.stopping = True
-            self._catch_up(int(due), start_ns)
+            ended = last_tick is not None and due >= last_tick
+            self._catch_up(due if last_tick is None else min(due, last_tick), start_ns)
+            self.stopping |= ended
             rest_ns = start_ns + self.device.ticks * _TICK_NS + _WAKE_NS - time.monotonic_ns()
             if rest_ns > 0:
                 time.sleep(rest_ns * 1e-9)
@@ -73,7 +72,8 @@ class Node:
         behind = due - self.device.ticks
         self.most_behind = max(self.most_behind, behind)
         stalled = behind - 1 if behind >= _STALL_TICKS else 0
-        while self.device.ticks < due:
+        # On a computer too slow for 1 kHz there is always more to catch up: a signal must not wait for that.
+        while self.device.ticks < due and not self.stopping:
             ends_ns = start_ns + (self.device.ticks + 1) * _TICK_NS
             frames = []
             while self._waiting and self._waiting[0].arrived_ns <= ends_ns:

@@ -61,6 +61,9 @@ def demo(
 def run(
     camera: Annotated[str | None, typer.Option(help="device index, video file, or rtsp:// URL")] = None,
     gaze: Annotated[str | None, typer.Option(help="Neon recording folder, BeGaze .txt, or .csv")] = None,
+    camera_fps: Annotated[
+        float | None, typer.Option(help="ask the camera for this rate, or play a file at it; ticks lock to 25")
+    ] = None,
     bus: Bus = None,
     bundle: BundleFile = None,
     config: ConfigFile = None,
@@ -90,7 +93,7 @@ def run(
     settings = load_config(
         config,
         {
-            "sensors": {"camera": camera, "gaze": gaze, "hands": hands, "loop": loop},
+            "sensors": {"camera": camera, "camera_fps": camera_fps, "gaze": gaze, "hands": hands, "loop": loop},
             "bus": {"spec": bus, "key_file": _text(key_file), "listen_only": listen_only, "arm": arm},
             "model": {"bundle": _text(bundle)},
         },

@@ -24,6 +24,9 @@ class SensorsConfig(_Part):
     """Where pictures and gaze come from, and how long each may be silent before the bridge holds."""
 
     camera: str | None = Field(None, description="device index, video file, or rtsp:// URL")
+    camera_fps: Annotated[float, Field(ge=1.0, le=240.0)] | None = Field(
+        None, description="rate to ask a camera for, or to play a file at; default: its own"
+    )
     gaze: str | None = Field(None, description="Neon recording folder, BeGaze .txt, or .csv")
     hands: bool = Field(True, description="find hands with MediaPipe (extra `hands`)")
     hand_model: str | None = Field(None, description="hand_landmarker.task; default: the user's data folder")

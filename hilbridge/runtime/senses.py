@@ -114,6 +114,6 @@ def open_senses(config: SensorsConfig) -> Senses:
 
         return HandDetector(model)
 
-    camera = CameraSource(config.camera, loop=config.loop)
+    camera = CameraSource(config.camera, loop=config.loop, fps=config.camera_fps)
     gaze = GazePlayer(recording, loop=config.loop) if recording is not None else None
     return Senses(camera, gaze, find_hands if config.hands else None, camera_fps=camera.fps, config=config)

@@ -27,29 +27,45 @@ cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 class CameraSource(Source[CameraFrame]):
     """Reads `spec`: a device index ("0"), the path of a video file, or an rtsp:// or http:// URL.
 
-    A file is played at its own frame rate as if it were a camera; `loop` starts it again at its end. A device or stream
+    A file is played at its own frame rate as if it were a camera; `loop` starts it again at its end. `fps` plays it at
+    that rate instead, and asks a device for it (`self.fps` is what it then says it does). A device or stream
     that goes away is tried again every half second and is GONE meanwhile. Pictures are stamped when they were grabbed
     (`StampSource.ARRIVAL`: OpenCV hands on no hardware stamp).
 
-    Raises InputError when `spec` cannot be opened or gives no picture.
+    Raises InputError when `spec` cannot be opened or gives no picture, or `fps` is wanted of a stream.
     """
 
-    def __init__(self, spec: str, *, loop: bool = False, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
+    def __init__(
+        self,
+        spec: str,
+        *,
+        loop: bool = False,
+        fps: float | None = None,
+        clock_ns: Callable[[], int] = time.monotonic_ns,
+    ) -> None:
         super().__init__(f"camera {spec}", clock_ns)
         self._spec = spec
         self._is_file = not spec.isdigit() and "://" not in spec
+        if fps is not None and "://" in spec:
+            raise InputError(f"camera {spec}: a stream's rate is set where it is sent; leave --camera-fps out")
+        self._wanted_fps = fps
         self._loop = loop
         self._sequence = 0
         self._grabbed_ns = clock_ns()
         self._capture, first = self._open_checked()
         self._first: NDArray[np.uint8] | None = first
         self.height, self.width = first.shape[:2]
-        fps = float(self._capture.get(cv2.CAP_PROP_FPS))
-        self.fps = fps if 1.0 <= fps <= 1000.0 else 30.0
+        own_fps = float(self._capture.get(cv2.CAP_PROP_FPS))
+        self.fps = own_fps if 1.0 <= own_fps <= 1000.0 else 30.0
+        if fps is not None and self._is_file:
+            self.fps = fps
 
     def _open(self) -> cv2.VideoCapture:
         if self._spec.isdigit():
-            return cv2.VideoCapture(int(self._spec))
+            capture = cv2.VideoCapture(int(self._spec))
+            if self._wanted_fps is not None:
+                capture.set(cv2.CAP_PROP_FPS, self._wanted_fps)
+            return capture
         options = [] if self._is_file else [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_TIMEOUT_MS]
         return cv2.VideoCapture(self._spec, cv2.CAP_FFMPEG, options)
 

@@ -107,6 +107,22 @@ def test_frames_of_ticks_long_gone_are_not_sent_late(clock: Clock) -> None:
     assert made.device.state.counters[COUNT_TX_DROPPED] == bus.dropped
 
 
+def test_a_computer_that_never_catches_up_can_still_end_the_node(clock: Clock) -> None:
+    made, _bus = make()
+    clock.jumps = {100: 60_000}
+    tick = made.device.tick
+
+    def slow(*arguments: object) -> tuple[tuple[int, bytes], ...]:
+        clock.now_ns += 2 * MS  # a tick that takes longer than the millisecond that it stands for
+        if made.device.ticks == 500:
+            made.stopping = True  # as SIGTERM does
+        return tick(*arguments)  # type: ignore[arg-type]
+
+    made.device.tick = slow  # type: ignore[method-assign]
+    made.run(None)
+    assert made.device.ticks == 501
+
+
 def test_small_delays_are_not_counted_as_stalls(clock: Clock) -> None:
     made, _bus = make()
     clock.jumps = {100: 3}

@@ -45,6 +45,16 @@ def play(source: CameraSource) -> list[CameraFrame]:
     return seen
 
 
+def test_a_file_can_be_played_at_another_rate_and_a_stream_cannot(video: Path) -> None:
+    source = CameraSource(str(video), fps=125.0)
+    stamps = {frame.sequence: frame.captured_ns for frame in play(source)}
+    first = min(stamps)
+    assert source.fps == 125.0
+    assert all(stamp - stamps[first] == (number - first) * 8_000_000 for number, stamp in stamps.items())
+    with pytest.raises(InputError, match="leave --camera-fps out"):
+        CameraSource("rtsp://127.0.0.1:9/none", fps=25.0)
+
+
 def test_plays_a_file_in_order_as_contiguous_rgb(video: Path) -> None:
     source = CameraSource(str(video))
     frames = play(source)

@@ -1,14 +1,14 @@
 """A whole bridge in a process of its own whose predictor is always sure of one verb, so that the device assists.
 
-Everything else is real: simulated senses as sources, features, gate, protocol, codec, port. Lines on standard input set
-faults of its sensors (`camera frozen`, `gaze gone`, ...; `well` ends them). Prints `ready` when it ticks.
+Everything else is real: simulated senses as sources, features, gate, protocol, codec, port. Words on its pipe set faults
+of its sensors (`camera frozen`, `gaze gone`, ...; `well` ends them). Says `ready` there when it ticks.
 """
 
 from __future__ import annotations
 
 import asyncio
-import sys
 import threading
+from multiprocessing.connection import Connection
 
 from hilbridge.config import BusConfig, Config, GateSection
 from hilbridge.priority import use_realtime_scheduling
@@ -18,6 +18,8 @@ from hilbridge.runtime.simulated_senses import SensorFault, SimulatedSenses
 from hilbridge.verbs import VERBS
 from hilbridge.wearer.person import Wearer
 
+GATE = GateSection(alpha=1.0, refractory_ms=40)
+PARTS = read_parts(Config(gate=GATE))  # DBC and bundle, read once by the server that forks bridges
 VERB = VERBS.index("Pour")  # damping and gravity support in any movement: torque that can be seen
 
 
@@ -32,25 +34,29 @@ class Sure:
     def reset(self) -> None: ...
 
 
-def obey(senses: SimulatedSenses) -> None:
-    """Set sensor faults as told on standard input."""
-    for line in sys.stdin:
-        name, _, fault = line.strip().partition(" ")
+def obey(senses: SimulatedSenses, pipe: Connection) -> None:
+    """Set sensor faults as told, until the rig is gone."""
+    while True:
+        try:
+            name, _, fault = pipe.recv().partition(" ")
+        except EOFError:
+            return
         if name == "well":
             senses.camera.fault = senses.gaze.fault = SensorFault.NONE
         else:
             {"camera": senses.camera, "gaze": senses.gaze}[name].fault = SensorFault(fault)
 
 
-async def main(bus: str) -> None:
-    config = Config(bus=BusConfig(spec=bus), gate=GateSection(alpha=1.0, refractory_ms=40))
+async def bridge(bus: str, pipe: Connection) -> None:
+    config = Config(bus=BusConfig(spec=bus), gate=GATE)
     senses = SimulatedSenses(lambda: Wearer(3, width_px=96, height_px=72), config.sensors)
-    async with live_bridge(config, read_parts(config), senses, lambda *row: None, predict=Sure()) as live:
-        threading.Thread(target=obey, args=(senses,), daemon=True).start()
-        print("ready", flush=True)
+    async with live_bridge(config, PARTS, senses, lambda *row: None, predict=Sure()) as live:
+        threading.Thread(target=obey, args=(senses, pipe), daemon=True).start()
+        pipe.send("ready")
         await live.run()
 
 
-if __name__ == "__main__":
+def main(bus: str, pipe: Connection) -> None:
+    """The process's body."""
     use_realtime_scheduling()
-    asyncio.run(main(sys.argv[1]))
+    asyncio.run(bridge(bus, pipe))

@@ -23,3 +23,9 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
             item.add_marker(
                 pytest.mark.skip(reason="no vcan0 here; `tests/vcan/run PYTHON` boots a kernel that has one")
             )
+
+
+def pytest_runtest_logreport(report: pytest.TestReport) -> None:
+    """Show a failure at once: what stops the whole kernel later must not take it along."""
+    if report.failed and os.environ.get("HILBRIDGE_VCAN_RUNNER") and HERE.name in report.nodeid:
+        print(f"\n{report.nodeid} ({report.when}):\n{report.longreprtext}", flush=True)
