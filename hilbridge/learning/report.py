@@ -76,6 +76,11 @@ def write_report(folder: Path, title: str, sections: Sequence[Section], facts: M
     return page
 
 
+def as_row(record: Any) -> dict[str, Any]:
+    """A frozen record as a row of a table."""
+    return {name: getattr(record, name) for name in record.__dataclass_fields__}
+
+
 def columns(rows: Sequence[Row]) -> list[str]:
     """Every key of any row, in order of appearance."""
     return list(dict.fromkeys(key for row in rows for key in row))
