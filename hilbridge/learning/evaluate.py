@@ -20,6 +20,7 @@ from hilbridge.learning.closed_loop import closed_loop_table, history_loop_table
 from hilbridge.learning.experiments import Plan, people, run_network
 from hilbridge.learning.real_sections import real_sections
 from hilbridge.learning.report import Section, as_row, curve_figure, reliability_figure, write_report
+from hilbridge.learning.targets import target_section
 from hilbridge.wearer.timeline import DEMO
 
 Say = Callable[[str], None]
@@ -86,11 +87,12 @@ def synthetic_sections(work: Path, plan: Plan, workers: int, comparators: bool, 
     say("judging")
     pooled, overfit = tables.Pooled(kept("gru")), tables.Pooled(kept("overfit"))
     members = {"transformer": kept("transformer"), "ensemble": kept("member-1", "member-2")} if comparators else {}
-    return [
+    sections = [
         *_calibration_sections(pooled, overfit),
         *_selective_sections(pooled),
         *_other_sections(pooled, members, plan, say),
     ]
+    return [target_section(sections), *sections]
 
 
 def _all(workers: int, what: str, jobs: Sequence[Any]) -> list[Any]:
