@@ -51,7 +51,7 @@ def real_sections(root: Path, say: Say) -> Sequence[Section]:
                 for method, made in windows.confidence.items()
             ],
             "Calibrators fitted on other people than they are judged on. With gaze alone a network hardly beats the most "
-            "frequent verb and is not overconfident to begin with: a calibrator fitted on one person can only do harm.",
+            "frequent verb and is hardly overconfident to begin with; a calibrator fitted on one person made it worse.",
             diagram,
         ),
         Section(
