@@ -208,7 +208,7 @@ def certify(
             bundle=bundle or demo_bundle_path(),
             precision=precision,
             delta=delta,
-            method=_learning("hilbridge.learning.certify").Method(method),
+            method=commands.method_named(method),
             people=people,
             write=write,
         )
