@@ -211,7 +211,7 @@ def certify(
             bundle=bundle or demo_bundle_path(),
             precision=precision,
             delta=delta,
-            method=_learning("hilbridge.learning.certify").Method(method),
+            method=commands.method_named(method),
             people=people,
             write=write,
         )
@@ -241,6 +241,23 @@ def data_describe(path: Annotated[Path, typer.Argument(help="the data set's fold
         _print_json(summary.as_json())
     else:
         typer.echo("\n".join(summary.lines()))
+
+
+@data_app.command("pack")
+def data_pack(
+    path: Annotated[Path, typer.Argument(help="the data set's folder")],
+    hands: Annotated[bool, typer.Option(help="find hands in the videos (needs the extra `hands`)")] = True,
+) -> None:
+    """Run gaze and videos through the feature chain once and keep feature_packs/SESSION.npz; what is there is kept."""
+    from hilbridge.terminal import counting
+
+    packs = _learning("hilbridge.learning.packs")
+    try:
+        with counting("sessions", packs.missing(path)) as step:
+            made = packs.make_packs(path, hands, step, lambda line: typer.echo(line, err=True))
+    except ValueError as error:
+        raise InputError(str(error)) from None
+    typer.echo(f"{len(made)} packs written under {path / 'feature_packs'}")
 
 
 def _learning(module: str) -> Any:

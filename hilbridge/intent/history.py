@@ -3,6 +3,9 @@
 Nobody labels the wearer's actions while the bridge runs, so the history is a distribution: the forward recursion of a
 hidden Markov chain whose transitions come from annotated sessions and whose evidence is the sensors' own posterior,
 tempered because the network's windows say less than they claim to.
+
+`BelievedHistory` advances at action boundaries, which annotated sessions have. `HistoryFilter` needs none: at 25 Hz the
+next action begins in any step with a small, fixed chance, and the belief carries on by itself.
 """
 
 from __future__ import annotations
@@ -57,3 +60,35 @@ class BelievedHistory:
     def advance(self, believed: Floats) -> None:
         """An action began: `believed` (K,) is what the system thinks it is."""
         self._believed = np.asarray(believed, dtype=np.float64)
+
+
+class HistoryFilter:
+    """A stream's belief at 25 Hz, without a detector of action boundaries.
+
+    hazard: chance per step that another action takes over (40 ms over the mean time between onsets). `prior.trust` is
+    the evidence's exponent per step: neighbouring windows share most of what they show, so it is far below 1.
+    Raises ValueError for a hazard that is no chance.
+    """
+
+    def __init__(self, prior: HistoryPrior, hazard: float) -> None:
+        if not 0.0 < hazard < 1.0:
+            raise ValueError(f"hazard = {hazard}: must be between 0 and 1")
+        self._prior = prior
+        self._hazard = hazard
+        self._belief: Floats | None = None
+
+    def reset(self) -> None:
+        """Forget the stream, as after a gap."""
+        self._belief = None
+
+    def step(self, probabilities: Floats) -> Floats:
+        """The sensors' posterior (K,) of one step -> the belief (K,) that history and sensors give together."""
+        prior = self._prior
+        if self._belief is None:
+            expected = prior.start
+        else:
+            expected = (1.0 - self._hazard) * self._belief + self._hazard * (self._belief @ prior.transitions)
+        evidence = (np.maximum(probabilities, 1e-9) / prior.marginal) ** prior.trust
+        belief = expected * evidence
+        self._belief = belief / belief.sum()
+        return np.asarray(self._belief)

@@ -40,6 +40,12 @@ class Method(StrEnum):
     CLOPPER_PEARSON = "clopper_pearson"
 
 
+BOUNDS = {
+    Method.BETTING: "a betting test of each person's excess errors; keeps its promise at any sample size",
+    Method.CLUSTER_T: "Student's bound on people's mean excess errors; approximate, broke its promise less often than allowed "
+    "in simulation",
+    Method.CLOPPER_PEARSON: "the binomial bound on windows; BREAKS its promise on overlapping windows, do not rely on it",
+}
 ASSUMES = {
     Method.BETTING: "clusters are drawn alike and independently; nothing about what happens within one",
     Method.CLUSTER_T: "clusters are drawn alike and independently, and their mean excess error is near normal",
@@ -72,25 +78,34 @@ class Certificate:
     clusters_needed: int | None
 
     def lines(self) -> list[str]:
-        """For people."""
-        assumed = f"assumes: {ASSUMES[self.method]}"
+        """For people: the answer, what it means, which bound it stands on and what that assumes."""
+        bound = [f"bound: {self.method}, {BOUNDS[self.method]}", f"assumes: {ASSUMES[self.method]}"]
         if self.tau_on is not None:
             return [
-                f"tau_on {self.tau_on}: P(act-only precision < {self.precision}) <= {self.delta} "
-                f"({self.method}, {self.clusters} clusters)",
-                f"observed act-only precision {self.observed_precision:.3f}, coverage {self.coverage:.3f}",
-                assumed,
+                f"certified: tau_on {self.tau_on}",
+                f"promise: P(act-only precision < {self.precision}) <= {self.delta}. Done again with "
+                f"{self.clusters} other people, a threshold below target would come out at most {self.delta:.1%} of the time",
+                f"observed on these {self.clusters} people: act-only precision {self.observed_precision:.3f}, "
+                f"coverage {self.coverage:.3f}",
+                *bound,
             ]
         more = (
-            f"about {self.clusters_needed} clusters would do at the precision observed"
+            f"more data: about {self.clusters_needed} people like these would do ({self.clusters_needed - self.clusters} more)"
             if self.clusters_needed is not None
-            else "no number of clusters would: the observed precision is below target at every threshold"
+            else "more data: no number of clusters would do, the observed precision is below target at every threshold; "
+            "train a better predictor or ask for less"
+        )
+        easier = (
+            f"or: --method {Method.CLUSTER_T} needs fewer people and assumes more"
+            if self.method is Method.BETTING and self.clusters_needed is not None
+            else None
         )
         return [
-            f"not certified: {self.clusters} clusters cannot support act-only precision {self.precision} "
-            f"at delta {self.delta} ({self.method})",
+            f"not certified: {self.clusters} clusters (people) cannot support act-only precision {self.precision} "
+            f"at delta {self.delta}",
             more,
-            assumed,
+            *([easier] if easier else []),
+            *bound,
         ]
 
 

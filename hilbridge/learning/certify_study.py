@@ -1,13 +1,23 @@
-"""Does a certificate keep its promise? Simulated streams with repeated windows and subject shift, all methods at once."""
+"""Does a certificate keep its promise? Simulated streams with repeated windows and subject shift, all methods at once.
+
+`python -m hilbridge.learning.certify_study --people 60 200 --trials 1000` prints the table at full size (MAPIE is in it
+where it is installed; it comes with the extra `test`).
+"""
 
 from __future__ import annotations
 
+import argparse
+import sys
 import warnings
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib import import_module
+from importlib.util import find_spec
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.console import Console
+from rich.progress import Progress
 
 from hilbridge.learning.certify import TAUS, Method, certify, window_counts
 
@@ -65,6 +75,7 @@ def study(
     world: World | None = None,
     mapie: bool = False,
     seed: int = 0,
+    progress: Callable[[], None] = lambda: None,
 ) -> list[Row]:
     """Violations and coverage lost against the oracle tau, per method, over `trials` simulated calibration sets."""
     world = world or World()
@@ -80,6 +91,7 @@ def study(
             chosen[str(method)].append(None if tau is None else TAUS.index(tau))
         if mapie:
             chosen["mapie"].append(_mapie(confidence, right, precision, delta))
+        progress()
     rows = []
     for name in methods:
         made = [row for row in chosen[name] if row is not None]
@@ -108,3 +120,44 @@ def _mapie(confidence: Floats, right: NDArray[np.bool_], precision: float, delta
         controller.calibrate(confidence[:, None], right.astype(int))
     best = controller.best_predict_param
     return None if best is None else TAUS.index(round(float(best), 2))
+
+
+def main(arguments: Sequence[str]) -> int:
+    """The study as a table on standard output."""
+    parser = argparse.ArgumentParser(prog="python -m hilbridge.learning.certify_study", description=__doc__)
+    parser.add_argument("--people", type=int, nargs="+", default=[60, 200], help="people per calibration set")
+    parser.add_argument("--trials", type=int, default=1_000, help="simulated calibration sets")
+    parser.add_argument("--precision", type=float, default=0.8)
+    parser.add_argument("--delta", type=float, default=0.1)
+    chosen = parser.parse_args(arguments)
+    if min(chosen.people) < 2 or chosen.trials < 1 or not 0 < chosen.precision < 1 or not 0 < chosen.delta < 1:
+        parser.error("people must be at least 2, trials at least 1, precision and delta between 0 and 1")
+    world = World()
+    sys.stdout.write(
+        f"{world.events} actions a person, each in {world.repeats} windows; subject shift {world.shift} log odds; "
+        f"promise: P(precision < {chosen.precision}) <= {chosen.delta}\n"
+        f"{'method':16}{'people':>8}{'trials':>8}{'violations':>12}{'certified':>11}{'coverage lost':>15}\n"
+    )
+    with_mapie = find_spec("mapie") is not None
+    for people in chosen.people:
+        with Progress(console=Console(stderr=True), transient=True) as bar:
+            task = bar.add_task(f"{people} people", total=chosen.trials)
+            rows = study(
+                people,
+                chosen.trials,
+                chosen.precision,
+                chosen.delta,
+                mapie=with_mapie,
+                progress=lambda bar=bar, task=task: bar.advance(task),  # type: ignore[misc]
+            )
+        for row in rows:
+            sys.stdout.write(
+                f"{row.method:16}{row.people:8d}{row.trials:8d}{row.violations:12.3f}{row.certified:11.3f}"
+                f"{row.coverage_lost:15.3f}\n"
+            )
+        sys.stdout.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

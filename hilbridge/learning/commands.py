@@ -104,3 +104,10 @@ def _with_threshold(bundle: Bundle, certificate: Certificate) -> Bundle:
     }
     thresholds = Thresholds(certificate.tau_on, max(0.02, round(certificate.tau_on - TAU_BAND, 3)))
     return replace(bundle, thresholds=thresholds, provenance={**bundle.provenance, "certificate": promise})
+
+
+def method_named(name: str) -> Method:
+    """The method of that name. Raises ValueError naming those there are."""
+    if name not in list(Method):
+        raise ValueError(f"method {name!r}: must be one of {', '.join(Method)}")
+    return Method(name)

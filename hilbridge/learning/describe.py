@@ -11,7 +11,15 @@ from typing import Any
 import numpy as np
 
 from hilbridge.learning.egtea import GAZE, by_session, load_actions, split_counts, verb_counts
-from hilbridge.learning.sessions import Discards, session_features, session_stream
+from hilbridge.learning.sessions import (
+    PACKS,
+    Discards,
+    read_pack,
+    recorded_sessions,
+    session_features,
+    session_stream,
+    video_path,
+)
 from hilbridge.sensors.begaze import read_begaze
 from hilbridge.verbs import VERBS
 
@@ -46,6 +54,7 @@ class DataSummary:
     gaze: tuple[GazeFile, ...]
     videos: int
     packs: int
+    pack_windows: Mapping[str, Discards]
 
     def as_json(self) -> dict[str, Any]:
         """Plain types for json.dumps."""
@@ -66,8 +75,10 @@ class DataSummary:
         for file in self.gaze:
             made.append(
                 f"    {file.session}: BeGaze {file.version}, {file.samples} samples ({file.valid_share:.1%} valid), "
-                f"{file.minutes:.1f} min, {file.bad_lines} bad lines; {file.windows.kept} of {file.windows.onsets} windows kept"
+                f"{file.minutes:.1f} min, {file.bad_lines} bad lines; {_windows(file.windows)}"
             )
+        for name, windows in self.pack_windows.items():
+            made.append(f"    pack {name}: {_windows(windows)}")
         return made
 
 
@@ -95,6 +106,10 @@ def describe(path: Path) -> DataSummary:
                 counts,
             )
         )
+    packs = {
+        file.stem: session_stream(0, sessions[file.stem], *read_pack(file))[2] if file.stem in sessions else Discards()
+        for file in sorted((path / PACKS).glob("*.npz"))
+    }
     classes = np.bincount([action.label for action in actions], minlength=len(VERBS))
     return DataSummary(
         path=str(path),
@@ -109,6 +124,17 @@ def describe(path: Path) -> DataSummary:
             after.start_ms < before.end_ms for session in sessions.values() for before, after in pairwise(session)
         ),
         gaze=tuple(files),
-        videos=len([*path.glob("**/*.mp4"), *path.glob("**/*.avi")]),
-        packs=len([*path.glob("**/*.npz")]),
+        videos=sum(video_path(path, name) is not None for name in recorded_sessions(path)),
+        packs=len(packs),
+        pack_windows=packs,
     )
+
+
+def _windows(counts: Discards) -> str:
+    why = {
+        "too early": counts.too_early,
+        "after the recording": counts.after_the_recording,
+        "too few valid steps": counts.too_few_valid,
+    }
+    lost = ", ".join(f"{number} {reason}" for reason, number in why.items() if number)
+    return f"{counts.kept} of {counts.onsets} windows kept" + (f" (discarded: {lost})" if lost else "")

@@ -11,6 +11,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from hilbridge.errors import InputError
 from hilbridge.verbs import OTHER, VERBS
 
 ANNOTATIONS = Path("action_annotation/raw_annotations/action_labels.csv")
@@ -20,7 +21,7 @@ GAZE = Path("gaze_data")
 _INDEX = {verb.lower(): index for index, verb in enumerate(VERBS)}
 
 
-class DatasetError(ValueError):
+class DatasetError(InputError):
     """The folder or a file in it is not what the loader needs; the message names it and the cure."""
 
 

@@ -2,24 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hilbridge.intent.calibration import softmax
+from hilbridge.intent.calibration import ALL_VALID, Method, softmax
 from hilbridge.intent.history import BelievedHistory, HistoryPrior
 from hilbridge.learning import metrics
-from hilbridge.learning.egtea import GAZE, Action, by_session, load_actions
-from hilbridge.learning.fit import fit_temperature
+from hilbridge.learning.egtea import Action, DatasetError, by_session, load_actions
+from hilbridge.learning.fit import fit_calibration, fit_temperature
 from hilbridge.learning.history import recipe_of
-from hilbridge.learning.sessions import gaze_path, session_features, session_stream
+from hilbridge.learning.sessions import folds, load_features, recorded_sessions, session_stream
 from hilbridge.learning.synthetic import Stream, join
 from hilbridge.learning.train import Recipe, fit_network, predict_logits
-from hilbridge.sensors.begaze import read_begaze
+from hilbridge.records import Modality
 from hilbridge.verbs import VERBS
 
 Floats = NDArray[np.float64]
@@ -77,64 +77,127 @@ def fused_session(prior: HistoryPrior, probabilities: Floats) -> Floats:
 
 @dataclass(frozen=True, slots=True)
 class _Turn:
-    """One subject left out: calibrated gaze posteriors per session, the training marginal and the others' sessions."""
+    """One split: raw logits and calibrated posteriors per session, the training marginal, the other people's sessions."""
 
     validation: Sequence[str]
     test: Sequence[str]
+    logits: Mapping[str, Floats]
     posterior: Mapping[str, Floats]
     marginal: Floats
     others: Sequence[Sequence[Action]]
 
 
+@dataclass(frozen=True, slots=True)
+class RealWindows:
+    """Every real window with features, predicted by networks and calibrators that never saw its person.
+
+    confidence: by calibrator, (N,); probabilities: by predictor, (N, K); labels, subject (N,); modalities that were there.
+    """
+
+    labels: Ints
+    subject: Ints
+    logits: Floats
+    confidence: Mapping[Method, Floats]
+    probabilities: Mapping[str, Floats]
+    modalities: tuple[str, ...]
+    people: int
+    splits: str
+
+    def summary(self) -> GazeHistoryResult:
+        """The sensors alone against the sensors with believed history."""
+        t, pooled = self.labels, self.probabilities
+        return GazeHistoryResult(
+            len(t),
+            *(metrics.nll(pooled[key], t) for key in ("sensors", "history", "recipe", "marginal")),
+            *(float((pooled[key].argmax(axis=1) == t).mean()) for key in ("sensors", "history")),
+        )
+
+
 def evaluate_gaze_with_history(root: Path, recipe: Recipe = GAZE_RECIPE) -> GazeHistoryResult:
-    """Gaze alone against gaze with believed history on all sessions that have gaze, leaving one subject out each time."""
+    """Sensors alone against sensors with believed history on all sessions that have features (see `real_windows`)."""
+    return real_windows(root, recipe).summary()
+
+
+def real_windows(root: Path, recipe: Recipe = GAZE_RECIPE, say: Callable[[str], None] = lambda _: None) -> RealWindows:
+    """Train, calibrate and test on people kept apart, on every annotated session of which features are there.
+
+    With 12 people or more: folds of four to test and four to calibrate that test everybody once (with all 32: eight
+    folds of 24/4/4); with fewer, one person out to test and one to calibrate, in turn. Raises DatasetError for fewer than 3.
+    """
     sessions = by_session(load_actions(root))
-    names = sorted(path.stem for path in (root / GAZE).glob("*.txt") if path.stem in sessions)
-    streams = {name: _gaze_stream(root, name, index, sessions[name]) for index, name in enumerate(names)}
+    names = [name for name in recorded_sessions(root) if name in sessions]
     people = sorted({_person(name) for name in names})
-    parts: dict[str, list[Floats]] = {"gaze": [], "history": [], "recipe": [], "marginal": []}
-    truth = []
-    for number, person in enumerate(people):
-        turn = _turn(recipe, sessions, streams, person, people[(number + 1) % len(people)])
+    if len(people) < 3:
+        raise DatasetError(
+            f"{root}: features of {len(people)} people; at least 3 are needed to train, calibrate and test"
+        )
+    say(f"features of {len(names)} sessions of {len(people)} people")
+    streams = {name: _gaze_stream(root, name, people.index(_person(name)), sessions[name]) for name in names}
+    parts: dict[str, list[Floats]] = {name: [] for name in ("logits", "sensors", "history", "recipe", "marginal")}
+    confidence: dict[Method, list[Floats]] = {method: [] for method in Method}
+    tested: list[str] = []
+    for number, (test, held) in enumerate(splits := _splits(people)):
+        say(f"split {number + 1} of {len(splits)}")
+        turn = _turn(recipe, sessions, streams, test, held)
         labels = {name: streams[name][0].label[streams[name][1]] for name in turn.posterior}
+        fitted = fit_calibration({ALL_VALID: _pairs(turn.logits, labels, turn.validation)}, Method.ISOTONIC)
         overall = transition_prior(turn.others, turn.marginal, 0.0, None).start
         for key, uses_recipe in (("history", False), ("recipe", True)):
             trust = _best_trust(turn, labels, uses_recipe)
             parts[key].extend(_fused(turn, name, trust, uses_recipe) for name in turn.test)
         for name in turn.test:
-            parts["gaze"].append(turn.posterior[name])
+            parts["logits"].append(turn.logits[name])
+            parts["sensors"].append(turn.posterior[name])
             parts["marginal"].append(np.tile(overall, (len(labels[name]), 1)))
-            truth.append(labels[name])
-    t = np.concatenate(truth)
+            for method in Method:
+                chosen = replace(fitted, method=method)
+                made = [chosen.apply(row, ALL_VALID)[2] for row in turn.logits[name]]
+                confidence[method].append(np.array(made, dtype=np.float64))
+        tested.extend(turn.test)
     pooled = {key: np.concatenate(value) for key, value in parts.items()}
-    return GazeHistoryResult(
-        len(t),
-        metrics.nll(pooled["gaze"], t),
-        metrics.nll(pooled["history"], t),
-        metrics.nll(pooled["recipe"], t),
-        metrics.nll(pooled["marginal"], t),
-        float((pooled["gaze"].argmax(axis=1) == t).mean()),
-        float((pooled["history"].argmax(axis=1) == t).mean()),
+    valid = np.concatenate([streams[name][0].valid for name in names])
+    return RealWindows(
+        np.concatenate([streams[name][0].label[streams[name][1]] for name in tested]),
+        np.concatenate([streams[name][0].subject[streams[name][1]] for name in tested]),
+        pooled.pop("logits"),
+        {method: np.concatenate(value) for method, value in confidence.items()},
+        pooled,
+        tuple(modality.name.lower() for modality in Modality if valid[:, int(modality)].any()),
+        len(people),
+        f"{len(splits)} splits",
     )
 
 
-def _turn(recipe: Recipe, sessions: Sessions, streams: Streams, person: str, held: str) -> _Turn:
-    """Train on everybody but `person` and `held`, calibrate on `held`."""
-    training = [name for name in streams if _person(name) not in (person, held)]
-    validation = [name for name in streams if _person(name) == held]
-    test = [name for name in streams if _person(name) == person]
+def _splits(people: Sequence[str]) -> list[tuple[frozenset[str], frozenset[str]]]:
+    """(test, validation) people of every split."""
+    if len(people) >= 12:
+        return [(fold["test"], fold["validation"]) for fold in folds(people, len(people) // 4)]
+    turned = [*people[1:], people[0]]
+    return [(frozenset({test}), frozenset({held})) for test, held in zip(people, turned, strict=True)]
+
+
+def _pairs(logits: Mapping[str, Floats], labels: Mapping[str, Ints], names: Sequence[str]) -> tuple[Floats, Ints]:
+    return np.concatenate([logits[name] for name in names]), np.concatenate([labels[name] for name in names])
+
+
+def _turn(recipe: Recipe, sessions: Sessions, streams: Streams, tested: frozenset[str], held: frozenset[str]) -> _Turn:
+    """Train on everybody but those `tested` and `held`, calibrate on `held`."""
+    training = [name for name in streams if _person(name) not in tested | held]
+    validation = [name for name in streams if _person(name) in held]
+    test = [name for name in streams if _person(name) in tested]
     (stream, ends), (checked, checked_ends) = _joined(streams, training), _joined(streams, validation)
     trained = fit_network(recipe, stream, checked, None, ends, checked_ends)
-
-    def logits(of: Stream, at: Ints) -> Floats:
-        return predict_logits(trained.network, of, at, trained.statistics) + trained.logit_offset
-
-    temperature = fit_temperature(logits(checked, checked_ends), checked.label[checked_ends])
+    logits = {
+        name: predict_logits(trained.network, *streams[name], trained.statistics) + trained.logit_offset
+        for name in (*validation, *test)
+    }
+    fitted = np.concatenate([logits[name] for name in validation])
+    temperature = fit_temperature(fitted, checked.label[checked_ends])
     seen = np.concatenate([stream.label[ends], checked.label[checked_ends]])
     marginal: Floats = np.asarray((np.bincount(seen, minlength=K) + 1.0) / (len(seen) + K), dtype=np.float64)
-    posterior = {name: softmax(logits(*streams[name]) / temperature) for name in (*validation, *test)}
-    others = [session for session in sessions.values() if session[0].subject != person]
-    return _Turn(validation, test, posterior, marginal, others)
+    posterior = {name: softmax(own / temperature) for name, own in logits.items()}
+    others = [session for session in sessions.values() if session[0].subject not in tested]
+    return _Turn(validation, test, logits, posterior, marginal, others)
 
 
 def _fused(turn: _Turn, name: str, trust: float, uses_recipe: bool) -> Floats:
@@ -159,9 +222,7 @@ def _person(session: str) -> str:
 
 
 def _gaze_stream(root: Path, name: str, number: int, actions: Sequence[Action]) -> tuple[Stream, Ints]:
-    recording = read_begaze(gaze_path(root, name))
-    values, valid = session_features(int(recording.frame[-1] * 25 // 24) + 1, recording)
-    stream, ends, _ = session_stream(number, actions, values, valid)
+    stream, ends, _ = session_stream(number, actions, *load_features(root, name))
     return stream, ends
 
 

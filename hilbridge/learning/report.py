@@ -76,6 +76,11 @@ def write_report(folder: Path, title: str, sections: Sequence[Section], facts: M
     return page
 
 
+def as_row(record: Any) -> dict[str, Any]:
+    """A frozen record as a row of a table."""
+    return {name: getattr(record, name) for name in record.__dataclass_fields__}
+
+
 def columns(rows: Sequence[Row]) -> list[str]:
     """Every key of any row, in order of appearance."""
     return list(dict.fromkeys(key for row in rows for key in row))
@@ -86,7 +91,9 @@ def show(value: Any) -> str:
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return ""
     if isinstance(value, float):
-        return f"{value:.3f}" if abs(value) >= 0.001 or value == 0.0 else f"{value:.1e}"
+        # Curvatures are tiny; an ECE of 0.0003 reads better as it stands.
+        small = ".4f" if abs(value) >= 0.00005 else ".1e"
+        return format(value, ".3f" if abs(value) >= 0.001 or value == 0.0 else small)
     return str(value)
 
 

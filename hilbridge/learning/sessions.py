@@ -1,7 +1,8 @@
 """Real sessions as 25 Hz feature streams, windows before every annotated onset, and what had to be discarded.
 
-Works with whichever modalities are there: a BeGaze export gives gaze, a feature pack (`SESSION.npz` with `values`
-(N, D) and `valid` (N, 3) at 25 Hz, made by `write_pack`) or a video gives scene and, with a detector, hands.
+Works with whichever modalities are there: a BeGaze export gives gaze, a video scene and, with a detector, hands, and a
+feature pack (`feature_packs/SESSION.npz` with `values` (N, D) and `valid` (N, 3) at 25 Hz, made by `hilbridge data pack`)
+whatever it was made from; it goes before the other two.
 """
 
 from __future__ import annotations
@@ -21,11 +22,14 @@ from hilbridge.learning.egtea import GAZE, Action, DatasetError
 from hilbridge.learning.synthetic import Stream
 from hilbridge.learning.windows import STEPS
 from hilbridge.records import CameraFrame, GazeSample, HandTracks, StampSource
-from hilbridge.sensors.begaze import BegazeRecording
+from hilbridge.sensors.begaze import BegazeRecording, read_begaze
 from hilbridge.verbs import VERBS
 
 LEAD_STEPS = 13  # 0.52 s: with onsets rounded to 40 ms a window never comes closer than the paper's 0.5 s
 Detector = Callable[[CameraFrame], HandTracks]
+PACKS = Path("feature_packs")
+VIDEO_FOLDERS = ("videos", "video", "raw_videos")
+VIDEO_SUFFIXES = (".mp4", ".avi", ".mkv")
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,6 +55,48 @@ class Discards:
 def gaze_path(root: Path, session: str) -> Path:
     """Where the package has a session's gaze."""
     return root / GAZE / f"{session}.txt"
+
+
+def video_path(root: Path, session: str) -> Path | None:
+    """A session's video, or None."""
+    places = (root / folder / f"{session}{suffix}" for folder in VIDEO_FOLDERS for suffix in VIDEO_SUFFIXES)
+    return next((place for place in places if place.is_file()), None)
+
+
+def recorded_sessions(root: Path) -> list[str]:
+    """Names of all sessions of which anything but annotations is there: a pack, gaze or a video."""
+    names = {path.stem for path in (root / GAZE).glob("*.txt")} | {path.stem for path in (root / PACKS).glob("*.npz")}
+    for folder in VIDEO_FOLDERS:
+        names |= {path.stem for path in (root / folder).glob("*") if path.suffix in VIDEO_SUFFIXES}
+    return sorted(names)
+
+
+def load_features(
+    root: Path, session: str, detector: Detector | None = None
+) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:
+    """One session's features at 25 Hz: its pack, or what its gaze and video give.
+
+    Raises DatasetError for a session of which nothing is there, or a file that is not what it should be.
+    """
+    pack = root / PACKS / f"{session}.npz"
+    if pack.is_file():
+        return read_pack(pack)
+    gaze, video = gaze_path(root, session), video_path(root, session)
+    recording = read_begaze(gaze) if gaze.is_file() else None
+    if recording is None and video is None:
+        raise DatasetError(f"{session}: no pack, gaze or video under {root}; give the session's files or leave it out")
+    steps = 0 if recording is None else int(recording.frame[-1] * RATE_HZ // 24) + 1
+    return session_features(steps if video is None else max(steps, _video_steps(video)), recording, video, detector)
+
+
+def _video_steps(video: Path) -> int:
+    capture = cv2.VideoCapture(str(video))
+    try:
+        if not capture.isOpened():
+            raise DatasetError(f"{video}: cannot be opened as a video; check the file or leave the videos out")
+        return int(capture.get(cv2.CAP_PROP_FRAME_COUNT) * RATE_HZ // 24)
+    finally:
+        capture.release()
 
 
 def gaze_steps(recording: BegazeRecording, steps: int) -> list[GazeSample]:
@@ -120,8 +166,11 @@ def _frames(video: Path) -> Iterator[CameraFrame]:
 
 
 def write_pack(path: Path, values: NDArray[np.float32], valid: NDArray[np.bool_]) -> None:
-    """Keep one session's features, so that videos are read once."""
-    np.savez_compressed(path, values=values, valid=valid)
+    """Keep one session's features, so that videos are read once; the file is whole or not there."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".partial.npz")
+    np.savez_compressed(partial, values=values, valid=valid)
+    partial.replace(path)
 
 
 def read_pack(path: Path) -> tuple[NDArray[np.float32], NDArray[np.bool_]]:

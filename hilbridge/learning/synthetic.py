@@ -18,6 +18,9 @@ from hilbridge.features.layout import LAYOUT_HASH, STEP_NS, D
 from hilbridge.wearer.person import Tremor, Wearer
 from hilbridge.wearer.timeline import Difficulty, bayes_posterior, statistics
 
+# 2 s windows that end up to 0.76 s before an onset, and five steps for the filters to settle in.
+BEFORE_ONSET_STEPS = 73
+
 
 @dataclass(frozen=True, slots=True)
 class Stream:
@@ -44,12 +47,12 @@ class Stream:
 
 
 def record(
-    seed: int, difficulty: Difficulty, seconds: float, tremor: Tremor | None = None, only_before_onsets: bool = False
+    seed: int, difficulty: Difficulty, seconds: float, tremor: Tremor | None = None, whole_seconds: float | None = None
 ) -> Stream:
     """`seconds` of the person `seed` at 25 Hz.
 
-    only_before_onsets: leave out (invalid, zero) every step that no window ending 0.5 to 1 s before an onset looks at,
-    which nearly halves the work for a training set.
+    whole_seconds: after so much of the stream, leave out (invalid, zero) every step that no window ending 0.5 to 0.8 s
+    before an onset looks at, which more than halves the work for windows (None: leave nothing out).
     """
     wearer = Wearer(seed, difficulty=difficulty, tremor=tremor, width_px=96, height_px=72)
     assembler = FeatureAssembler()
@@ -70,7 +73,8 @@ def record(
         t_ns = step * STEP_NS
         truth = wearer.truth(t_ns)
         onset_steps = (truth.onset_ns - t_ns) // STEP_NS
-        if only_before_onsets and not 12 <= onset_steps <= 90:
+        left_out = whole_seconds is not None and t_ns >= whole_seconds * 1e9
+        if left_out and not 12 <= onset_steps <= BEFORE_ONSET_STEPS:
             stream.onset_steps[step] = onset_steps
             continue
         vector = assembler.update(wearer.frame(t_ns), wearer.gaze(t_ns), wearer.hands(t_ns), t_ns)
@@ -105,21 +109,18 @@ def record_people(
     seconds: float,
     cache: Path | None = None,
     progress: Callable[[], None] = lambda: None,
-    only_before_onsets: bool = False,
+    whole_seconds: float | None = None,
 ) -> Stream:
     """Streams of many people, kept in `cache` (one npz per person) so that an interrupted run goes on where it was."""
+    cut = "" if whole_seconds is None else f"-{whole_seconds:g}whole"
     parts = []
     for seed in seeds:
-        path = (
-            None
-            if cache is None
-            else cache / f"{difficulty.name}{'-onsets' * only_before_onsets}-{seed}-{seconds:g}s-{LAYOUT_HASH[:12]}.npz"
-        )
+        path = None if cache is None else cache / f"{difficulty.name}{cut}-{seed}-{seconds:g}s-{LAYOUT_HASH[:12]}.npz"
         if path is not None and path.is_file():
             with np.load(path) as stored:
                 part = Stream(*(stored[field.name] for field in fields(Stream)))
         else:
-            part = record(seed, difficulty, seconds, None, only_before_onsets)
+            part = record(seed, difficulty, seconds, None, whole_seconds)
             if path is not None:
                 path.parent.mkdir(parents=True, exist_ok=True)
                 partial = path.with_suffix(".partial.npz")

@@ -6,7 +6,7 @@ pytest.importorskip("torch")
 
 from hilbridge.intent.bundle import BundleError, demo_bundle_path, load_bundle
 from hilbridge.learning.certify import Method
-from hilbridge.learning.commands import GATE_TAUS, CertifyConfig, certify_bundle, gate_counts
+from hilbridge.learning.commands import GATE_TAUS, CertifyConfig, certify_bundle, gate_counts, method_named
 from hilbridge.learning.synthetic import record_people
 from hilbridge.wearer.timeline import DEMO
 
@@ -55,3 +55,9 @@ def test_silence_never_acts():
     counts = gate_counts([None] * len(people), people)
     assert counts.acting.sum() == 0
     assert np.array_equal(counts.total, [100])
+
+
+def test_an_unknown_method_is_refused_with_those_there_are():
+    assert method_named("cluster_t") is Method.CLUSTER_T
+    with pytest.raises(ValueError, match="method 'foo': must be one of betting, cluster_t, clopper_pearson"):
+        method_named("foo")

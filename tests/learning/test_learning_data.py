@@ -217,6 +217,36 @@ def test_a_video_goes_through_the_same_chain_and_packs_keep_it(tmp_path):
         session_features(5, None, tmp_path / "absent.avi")
 
 
+def test_sessions_are_packed_once_and_described_with_their_discards(tmp_path):
+    from hilbridge.learning.packs import make_packs, missing
+    from hilbridge.learning.sessions import load_features
+
+    root = package(
+        tmp_path,
+        "".join(
+            ROW.format(n=n, s=1, start=start, end=start + 900, verb="Cut")
+            for n, start in enumerate((1000, 5000, 60_000))
+        ),
+    )
+    (root / "gaze_data").mkdir()
+    rows = [f"{n}\tSMP\t1\t{640 + n % 7}\t480\t{n * 24 // 30}\t\t-" for n in range(300)]
+    (root / "gaze_data" / "P01-R01-Soup.txt").write_text("\n".join([*HEADER, OLD, *rows]))
+    fresh = load_features(root, "P01-R01-Soup")
+    assert missing(root) == 1
+    assert [path.name for path in make_packs(root)] == ["P01-R01-Soup.npz"]
+    assert missing(root) == 0
+    assert make_packs(root) == []
+    assert all((one == other).all() for one, other in zip(load_features(root, "P01-R01-Soup"), fresh, strict=True))
+    summary = describe(root)
+    assert summary.packs == 1
+    assert summary.pack_windows["P01-R01-Soup"].kept == 1
+    assert "1 of 3 windows kept (discarded: 1 too early, 1 after the recording)" in "\n".join(summary.lines())
+    with pytest.raises(DatasetError, match="no such folder"):
+        make_packs(tmp_path / "absent")
+    with pytest.raises(DatasetError, match="no pack, gaze or video"):
+        load_features(root, "P02-R01-Soup")
+
+
 @pytest.mark.parametrize(
     "arrays",
     [
@@ -242,6 +272,7 @@ def test_believed_history_beats_gaze_alone_on_real_sessions(data):
     from hilbridge.learning.gaze_history import evaluate_gaze_with_history
 
     result = evaluate_gaze_with_history(data / "egtea")
+    assert result.gaze_nll != result.marginal_nll
     assert result.windows > 900
     assert result.history_nll < result.gaze_nll
     assert result.history_recipe_nll < result.history_nll

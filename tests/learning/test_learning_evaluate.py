@@ -16,13 +16,16 @@ PLAN = Plan(
     validation=2,
     test=3,
     seconds=40.0,
-    stream_seconds=8.0,
+    replayed=2,
+    stream_seconds=20.0,
     recipe=TINY,
     overfit=replace(TINY, epochs=4, label_smoothing=0.0, learning_rate=1e-2),
     overfit_people=1,
     certificates=2,
 )
 KEYS = {
+    "targets",
+    "e5_history",
     "baseline",
     "e1_calibration",
     "e1_overfit",
@@ -56,5 +59,14 @@ def test_the_whole_evaluation_runs_small_and_says_where_its_figures_come_from(tm
     assert len(set(top1.values())) == 1, "a calibrator changed labels"
     assert {row["lost"] for row in made.rows("e2_ablation")} >= {"nothing", "gaze", "hands", "scene"}
     assert any("networks" in line for line in said)
+    targets = made.rows("targets")
+    assert {row["met"] for row in targets} <= {"yes", "NO"}
+    gap = next(row for row in targets if row["what"] == "Top-1 short of Bayes")
+    gru, bayes = made.rows("baseline")[:2]
+    assert gap["figure"] == pytest.approx(bayes["top1"] - gru["top1"])
+    history = made.rows("e5_history")
+    assert all(row["nll_with_history"] > 0 and 0 <= row["coverage"] <= 1 for row in history)
+    costs = {row["what"]: row["p50_ms"] for row in made.rows("e4_runtime")}
+    assert costs["MC dropout of all layers, 10 passes"] > costs["torch, one full window"]
     with pytest.raises(KeyError):
         made.rows("nothing")
