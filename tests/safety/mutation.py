@@ -57,6 +57,7 @@ QUICK = {
 TIMEOUT_S = 60.0
 JOBS = os.cpu_count() or 1
 CONTROL = "control"
+CONTROL_TEST_S, CONTROL_TESTS = 0.1, 60  # controls run as many quick tests, drawn by the seed
 
 
 class Baseline(NamedTuple):
@@ -369,10 +370,11 @@ def _cases(everything: dict[str, list[Mutant]], argued: dict[str, dict[str, str]
             tests, at_import = chosen_tests(target, mutant, known)
             alone_s = sum(known.seconds.get(test, 0.0) for test in tests)
             cases.append(Case(target, mutant, tests, at_import, TIMEOUT_S + 10 * alone_s))
-    named = {
-        target: sorted({test for case in cases if case.target == target for test in case.tests})
-        for target in everything
-    }
+    named = {}
+    for target in everything:
+        tests_of = {test for case in cases if case.target == target for test in case.tests}
+        quick = sorted(test for test in tests_of if known.seconds.get(test, 0.0) < CONTROL_TEST_S)
+        named[target] = random.Random(scale.seed).sample(quick, min(len(quick), CONTROL_TESTS))
     return [*controls(tuple(everything), named), *cases]
 
 
