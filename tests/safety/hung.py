@@ -15,6 +15,7 @@ import sys
 import tempfile
 import time
 from collections import deque
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,7 @@ from tests.safety.table import Row, Scale
 ROOT = Path(__file__).parents[2]
 LIMIT_MS = 150
 FAULTS = ("stopped", "stalled", "killed", "link down", "link down and up")
+AT_A_TIME = 2  # a trial waits most of its time
 _PATIENCE_S = 120.0  # one processor, emulated, may take half a minute to start two processes
 
 
@@ -160,30 +162,35 @@ def reaction_ms(trial: Trial, fault: str, rng: random.Random) -> int:
     return elapsed
 
 
+def _tried(bus: str, folder: Path, k: int, seed: int) -> int | str:
+    """One trial: ms to zero assist, or what went wrong."""
+    fault = FAULTS[k % len(FAULTS)]
+    try:
+        trial = Trial(bus, folder, f"hung{os.getpid()}-{k}")
+    except Failed as error:
+        return f"{fault}: {error}"
+    try:
+        elapsed = reaction_ms(trial, fault, random.Random(f"{seed}/{k}"))
+        return elapsed if elapsed <= LIMIT_MS else f"{fault}: {elapsed} ms"
+    except Failed as error:
+        return f"{fault}: {error}"
+    finally:
+        trial.end()
+
+
 def campaign(bus: str, trials: int, seed: int) -> Row:
-    """So many trials on one bus, all faults in turn."""
-    rng, within, worst, failed = random.Random(seed), 0, 0, []
-    with tempfile.TemporaryDirectory() as folder:
-        for k in range(trials):
-            fault = FAULTS[k % len(FAULTS)]
-            trial = Trial(bus, Path(folder), f"hung{os.getpid()}-{k}")
-            try:
-                elapsed = reaction_ms(trial, fault, rng)
-                worst = max(worst, elapsed)
-                within += elapsed <= LIMIT_MS
-                if elapsed > LIMIT_MS:
-                    failed.append(f"{fault}: {elapsed} ms")
-            except Failed as error:
-                failed.append(f"{fault}: {error}")
-            finally:
-                trial.end()
-    for line in failed:
-        print(line, file=sys.stderr)
+    """So many trials on one bus, all faults in turn; two at a time where each has a bus of its own."""
+    with tempfile.TemporaryDirectory() as folder, ThreadPoolExecutor(1 if bus == "vcan0" else AT_A_TIME) as pool:
+        found = list(pool.map(lambda k: _tried(bus, Path(folder), k, seed), range(trials)))
+    within = [elapsed for elapsed in found if isinstance(elapsed, int)]
+    for line in found:
+        if isinstance(line, str):
+            print(line, file=sys.stderr)
     return Row(
         "hung",
         f"{'vcan0' if bus == 'vcan0' else 'simulated bus'}: stop, stall, kill, link: zero assist <= {LIMIT_MS} ms",
-        f"{within} of {trials}, worst {worst} ms",
-        within == trials,
+        f"{len(within)} of {trials}, worst {max(within, default=0)} ms",
+        len(within) == trials,
     )
 
 
