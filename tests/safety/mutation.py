@@ -30,7 +30,7 @@ from tests.safety.table import Row, Scale
 
 ROOT = Path(__file__).parents[2]
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.json")
-_DEVICE = ("test_deadlines.py", "test_latches.py", "test_commands.py", "test_frames_and_e2e.py")
+_DEVICE = ("test_deadlines.py", "test_latches.py", "test_commands.py", "test_frames_and_e2e.py", "test_edges.py")
 # What is mutated, and the tests for lines that run at import, which no test can be seen to run through.
 TARGETS: dict[str, tuple[str, ...]] = {
     "firmware_sim/controller.py": _DEVICE,
@@ -40,7 +40,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "firmware_sim/torque.py": ("test_torque.py",),
     "firmware_sim/transmit.py": ("test_node.py", "test_latches.py"),
     "firmware_sim/states.py": ("test_states.py", "test_wire_conformance.py", "test_latches.py"),
-    "firmware_sim/e2e.py": ("test_frames_and_e2e.py", "test_wire_conformance.py", "test_commands.py"),
+    "firmware_sim/e2e.py": ("test_frames_and_e2e.py", "test_edges.py", "test_wire_conformance.py", "test_commands.py"),
     "firmware_sim/secoc.py": ("test_frames_and_e2e.py", "test_secoc.py", "test_commands.py"),
     "hilbridge/core/gate.py": ("test_gate.py",),
     "hilbridge/core/session.py": ("test_session_and_bridge.py",),
