@@ -44,7 +44,7 @@ def step(before: ControllerState, inputs: Inputs, now_ms: int) -> tuple[Controll
     send_cyclic(state, inputs, state.state != before.state, now_ms)
     state.last_tick_ms = now_ms
     sensors_lost = state.state in _NO_FOLLOW or state.implausible_ticks >= watchdogs.IMPLAUSIBLE_TICKS
-    if sensors_lost or (state.state == State.LATCHED and state.reason in _PLANT_FAULTS):
+    if sensors_lost or state.reason in _PLANT_FAULTS:  # which are reasons of a latch alone
         follow = 0
     else:
         follow = torque.follow_torque(inputs.angle_mdeg, inputs.velocity_mdeg_s)

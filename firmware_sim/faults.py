@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from firmware_sim import e2e, frames, torque, watchdogs
+from firmware_sim import e2e, frames, watchdogs
 from firmware_sim.memory import COUNT_MAC_FAILURES, COUNT_TRIPS, ControllerState, count
 from firmware_sim.states import Event, Reason, State, next_state
 from firmware_sim.transmit import emergency
@@ -30,13 +30,8 @@ def fire(state: ControllerState, event: Event, reason: Reason, now_ms: int) -> N
         state.assist_since_ms = now_ms
     elif target == State.RAMP_DOWN:
         state.ramp_fault = event == Event.FAULT
-        state.torque = torque.restarted(state.torque)
-    elif target == State.PASSIVE:
-        state.healthy_ticks = 0
     elif target in _STOPPED:
         disarm(state)
-        if before != State.RAMP_DOWN or target == State.ESTOP:  # a latch does not prolong a ramp under way
-            state.torque = torque.restarted(state.torque)
         emergency(state, reason)
 
 

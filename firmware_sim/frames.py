@@ -126,7 +126,7 @@ FIELDS: dict[int, tuple[Field, ...]] = {
     ARM_CHALLENGE: (Field("DeviceNonce", 24, 32, 0, 0xFFFFFFFF), Field("Session", 56, 8, 1, 255)),
     ARM_RESPONSE: (Field("Mac", 24, 32, 0, 0xFFFFFFFF), Field("Session", 56, 8, 1, 255)),
     BRIDGE_DIAG: (Field("Index", 24, 8, 0, BRIDGE_DIAG_COUNT - 1), Field("Value", 32, 32, 0, 0xFFFFFFFF)),
-    CTRL_DIAG: (Field("Index", 24, 8, 0, 27), Field("Value", 32, 32, 0, 0xFFFFFFFF)),
+    CTRL_DIAG: (Field("Index", 24, 8, 0, 28), Field("Value", 32, 32, 0, 0xFFFFFFFF)),
 }
 
 # A multiplexer value outside its table is its own reason.

@@ -11,6 +11,7 @@ from firmware_sim.faults import fire, mac_failed, trip
 from firmware_sim.frames import Reject
 from firmware_sim.memory import (
     COUNT_LOST,
+    COUNT_OWN_ID,
     ECHO_AGE_MAX_MS,
     Challenge,
     ControllerState,
@@ -43,6 +44,7 @@ def receive(state: ControllerState, frame: Received, random_u32: int, now_ms: in
         fire(state, Event.STOP, Reason.STOP_RECEIVED, now_ms)
         return
     if frame.can_id in frames.OWN_IDS:
+        count(state, COUNT_OWN_ID)
         fire(state, Event.LATCH, Reason.OWN_ID_SEEN, now_ms)
         return
     if frame.can_id not in frames.RECEIVED_IDS:
@@ -154,7 +156,7 @@ def _why_not(state: ControllerState, verb: int, session: int, echo: int, age: in
 
 
 def _sensing_stale(age: int) -> bool:
-    return age == frames.AGE_UNKNOWN or age * 2 > watchdogs.SENSING_LIMIT_MS
+    return age * 2 > watchdogs.SENSING_LIMIT_MS  # AGE_UNKNOWN is the largest of them
 
 
 def _accept(state: ControllerState, counter: int, is_hold: bool, arrived_ms: int) -> None:

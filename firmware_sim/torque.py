@@ -207,15 +207,13 @@ def assisting(torque: Torque, profile: Profile, angle_mdeg: int, velocity_mdeg_s
 
 
 def ramping(torque: Torque, stride: int) -> Torque:
-    """One tick of a jerk-limited way to zero assist: RAMP_TICKS / stride ticks in all. |assist| never rises here."""
+    """One tick of a jerk-limited way to zero assist: RAMP_TICKS / stride ticks in all. |assist| never rises here.
+
+    It begins where `assisting` last was. Whatever happens on the way can make it quicker, never begin it anew.
+    """
     tick = min(torque.ramp_tick + stride, RAMP_TICKS)
     assist = div(torque.from_unm * REMAINING[tick], 1000)
     return torque._replace(assist_unm=assist, ramp_tick=tick, assist_ticks=0, guide_tick=0, onset_ticks=0)
-
-
-def restarted(torque: Torque) -> Torque:
-    """A ramp that is to begin now, from the present assist: entered on a change to a state with another stride."""
-    return torque._replace(from_unm=torque.assist_unm, ramp_tick=0)
 
 
 def supporting_less(torque: Torque) -> Torque:

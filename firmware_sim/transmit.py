@@ -10,7 +10,7 @@ from firmware_sim.torque import clamp, div
 STATUS_CYCLE_MS = 20
 MEAS_CYCLE_MS = 20
 HEARTBEAT_CYCLE_MS = 100
-DIAG_CYCLE_MS = 35  # 28 counters, each within the second
+DIAG_CYCLE_MS = 34  # 29 counters, each within the second
 ANGLE_OFFSET_MDEG = 30_000
 
 

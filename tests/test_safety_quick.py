@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from tests.safety import checking, corruption, forgery, fuzz, replay
+from tests.safety import campaign, checking, corruption, forgery, fuzz, replay
 from tests.safety.mutation import ROOT
 from tests.safety.table import Row, Scale, printed
 
@@ -42,6 +42,12 @@ def test_h2_model_checking_sample() -> None:
 @requirement("P9", "P8")
 def test_h9_fuzz() -> None:
     all_hold(fuzz.run(QUICK))
+
+
+@requirement("T1", "T2", "T3")
+@pytest.mark.slow
+def test_h1_h2_fault_campaign_sample() -> None:
+    all_hold(campaign.run(QUICK))
 
 
 @pytest.mark.slow

@@ -22,7 +22,7 @@ TICK_NS = 40 * MS
 # A tick that comes a whole period late is an overrun: what it would say was decided for another moment.
 OVERRUN_NS = 2 * TICK_NS
 STATUS_LIMIT_NS = 60 * MS
-HEARTBEAT_NS = 100 * MS
+HEARTBEAT_NS = 100 * MS  # at most: on the grid of the ticks that is every second one, 80 ms
 STOP_REPEATS = 3
 STOP_GAP_NS = 10 * MS
 SENSING_LIMIT_MS = 150
@@ -284,7 +284,7 @@ class Bridge:
             if authorisation is not None:
                 frames.append(self._wire.encode("ACT_AUTH", authorisation))
         if now_ns >= self._heartbeat_due_ns:
-            self._heartbeat_due_ns = now_ns + HEARTBEAT_NS - TICK_NS // 2
+            self._heartbeat_due_ns = now_ns + HEARTBEAT_NS - TICK_NS
             frames.append(self._heartbeat(valid, bundle_id))
         frames += self._handshake(now_ns)
         frames.append(self._diagnosis())

@@ -262,8 +262,7 @@ def test_heartbeats_and_diagnosis_come_in_their_cycle() -> None:
             names.add(sent["BRIDGE_DIAG"]["Index"])
     assert len(names) == 22  # each counter within the second
     gaps = {b - a for a, b in itertools.pairwise(beats)}
-    assert gaps <= {80, 120}
-    assert len(beats) >= 19
+    assert gaps == {80}  # at most 100 ms apart: two lost ones do not disarm (250 ms)
 
 
 def test_heartbeat_says_which_sensors_are_there_and_that_no_device_is() -> None:

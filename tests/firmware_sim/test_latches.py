@@ -6,7 +6,7 @@ import pytest
 
 from firmware_sim import frames
 from firmware_sim.frames import Reject
-from firmware_sim.memory import ControllerState, Received
+from firmware_sim.memory import COUNT_OWN_ID, ControllerState, Received
 from firmware_sim.states import Reason, State
 from tests.safety.hand import BOOT_NONCE, KEY, Hand
 
@@ -32,6 +32,8 @@ def test_own_identifier_seen_from_outside_latches(can_id: int) -> None:
     hand.tick(Received(can_id, b""))
     assert hand.state.state == State.LATCHED
     assert hand.state.reason == Reason.OWN_ID_SEEN
+    hand.tick(Received(can_id, b""))
+    assert hand.count(COUNT_OWN_ID) == 2  # counted in the latch too
 
 
 @requirement("S6")

@@ -324,7 +324,7 @@ def test_cycles_are_those_of_the_contract() -> None:
     assert len(sent[frames.CTRL_MEAS]) == 250
     assert len(sent[frames.CTRL_HB]) == 50
     indices = [data[3] for ms, data in sent[frames.CTRL_DIAG] if ms <= 1000]
-    assert sorted(set(indices)) == list(range(28))  # each counter within the second
+    assert sorted(set(indices)) == list(range(29))  # each counter within the second
 
 
 @requirement("P1")

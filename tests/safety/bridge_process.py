@@ -15,16 +15,17 @@ import time
 from hilbridge.bus.port import BusPort, SendResult
 from hilbridge.core.bridge import TICK_NS, Bridge, BridgeConfig
 from hilbridge.records import Action, GateDecision, HoldReason
-from hilbridge.wire.codec import Codec, Decoded
+from hilbridge.wire.codec import Decoded
 from hilbridge.wire.link import WireLink
 from hilbridge.wire.secoc import DEMO_KEY, Authenticator
+from tests.safety.rig import codec
 
 _POUR = GateDecision(Action.ACT, 9, 0.9, HoldReason.NONE)
 
 
 async def run(spec: str) -> None:
     """Until killed."""
-    link = WireLink(Codec())
+    link = WireLink(codec())
     bridge = Bridge(link, Authenticator(DEMO_KEY), lambda: secrets.randbits(32), BridgeConfig(), lambda: link.counters)
     stall = asyncio.Event()
     asyncio.get_running_loop().add_signal_handler(signal.SIGUSR1, stall.set)

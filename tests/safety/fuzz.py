@@ -15,6 +15,7 @@ import sys
 import tempfile
 from copy import copy
 from pathlib import Path
+from types import FunctionType
 
 import e2e as autosar
 
@@ -42,13 +43,16 @@ class Invalid(AssertionError):
 
 
 def frame_of(data: bytes) -> tuple[int, bytes, bool]:
-    """Fuzzer's bytes -> (identifier, frame, plain): often with the right CRC and counter, so that content is reached."""
+    """Fuzzer's bytes -> (identifier, frame, plain): often with the right CRC and counter, or nearly right."""
     if len(data) < 2:
         return 0x60, data, True
     can_id, how, body = _IDS[data[0] % len(_IDS)], data[1], data[2:66]
     if how & 1 and can_id in DATA_ID and len(body) >= 5:
         counter = body[5] if how & 2 and len(body) > 5 else _next_counter(can_id)
         body = device_protect(can_id, bytes(3) + body[:5], counter)
+        if how & 4:  # right in all but one bit of its CRC
+            bit = how >> 3 & 15
+            body = bytes((body[0] ^ (1 << bit & 0xFF), body[1] ^ (1 << bit >> 8))) + body[2:]
     return can_id, body, not how & 0x80
 
 
@@ -154,7 +158,10 @@ if __name__ == "__main__":
         hilbridge.wire.link,
     ):
         for thing in list(vars(module).values()):
-            if callable(thing) and getattr(thing, "__module__", "") == module.__name__ and hasattr(thing, "__code__"):
-                atheris.instrument_func(thing)
+            if getattr(thing, "__module__", "") != module.__name__:
+                continue
+            for function in (thing, *(vars(thing).values() if isinstance(thing, type) else ())):
+                if isinstance(function, FunctionType):
+                    atheris.instrument_func(function)
     atheris.Setup(sys.argv, one_input)
     atheris.Fuzz()

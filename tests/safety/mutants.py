@@ -66,6 +66,13 @@ def _changes(node: ast.AST) -> Iterator[tuple[str, ast.AST]]:
         yield "unary dropped", node.operand
     elif isinstance(node, ast.IfExp):
         yield "branches swapped", ast.IfExp(node.test, node.orelse, node.body)
+    elif isinstance(node, ast.Dict) and len(node.keys) > 1:  # tables are behaviour: the transitions among them
+        for k in range(len(node.keys)):
+            dropped = "" if (entry := node.keys[k]) is None else f" {ast.unparse(entry)}"
+            yield (
+                f"entry dropped{dropped}",
+                ast.Dict(node.keys[:k] + node.keys[k + 1 :], node.values[:k] + node.values[k + 1 :]),
+            )
     elif isinstance(node, ast.Constant):
         yield from _constants(node)
 
@@ -159,7 +166,7 @@ def mutants(source: str) -> Iterator[Mutant]:
         for what, new in changes:
             old = ast.unparse(node).splitlines()[0]
             now = ast.unparse(new).splitlines()[0] if what != "statement dropped" else "pass"
-            key = f"{_place(path)}: {what}: {old} -> {now}"
+            key = f"{_place(path)}: {what}" + ("" if isinstance(node, ast.Dict) else f": {old} -> {now}")
             seen[key] = seen.get(key, 0) + 1
             if seen[key] > 1:
                 key += f" [{seen[key]}]"

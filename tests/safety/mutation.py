@@ -6,6 +6,7 @@ equivalent_mutants.json; an entry there that names no mutant any more fails as w
 
 from __future__ import annotations
 
+import ast
 import contextlib
 import importlib.abc
 import importlib.machinery
@@ -29,14 +30,17 @@ from tests.safety.table import Row, Scale
 
 ROOT = Path(__file__).parents[2]
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.json")
-_DEVICE = ("test_deadlines.py", "test_latches.py", "test_commands.py", "test_frames_and_e2e.py")
+_DEVICE = ("test_deadlines.py", "test_latches.py", "test_commands.py", "test_frames_and_e2e.py", "test_edges.py")
 # What is mutated, and the tests for lines that run at import, which no test can be seen to run through.
 TARGETS: dict[str, tuple[str, ...]] = {
     "firmware_sim/controller.py": _DEVICE,
     "firmware_sim/receive.py": _DEVICE,
     "firmware_sim/faults.py": _DEVICE,
     "firmware_sim/watchdogs.py": _DEVICE,
-    "firmware_sim/e2e.py": ("test_frames_and_e2e.py", "test_commands.py"),
+    "firmware_sim/torque.py": ("test_torque.py",),
+    "firmware_sim/transmit.py": ("test_node.py", "test_latches.py"),
+    "firmware_sim/states.py": ("test_states.py", "test_wire_conformance.py", "test_latches.py"),
+    "firmware_sim/e2e.py": ("test_frames_and_e2e.py", "test_edges.py", "test_wire_conformance.py", "test_commands.py"),
     "firmware_sim/secoc.py": ("test_frames_and_e2e.py", "test_secoc.py", "test_commands.py"),
     "hilbridge/core/gate.py": ("test_gate.py",),
     "hilbridge/core/session.py": ("test_session_and_bridge.py",),
@@ -44,13 +48,16 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "hilbridge/wire/e2e.py": ("test_codec_and_link.py",),
     "hilbridge/wire/secoc.py": ("test_secoc.py",),
 }
-TESTS = ("tests/firmware_sim", "tests/core", "tests/wire")
+TESTS = ("tests/firmware_sim", "tests/core", "tests/wire", "tests/test_wire_conformance.py")
 QUICK = {
-    "firmware_sim/secoc.py": "tests/wire/test_secoc.py",
-    "firmware_sim/e2e.py": "tests/firmware_sim/test_frames_and_e2e.py",
-    "hilbridge/wire/e2e.py": "tests/wire/test_codec_and_link.py",
+    "firmware_sim/secoc.py": ["tests/wire/test_secoc.py"],
+    "firmware_sim/e2e.py": ["tests/firmware_sim/test_frames_and_e2e.py", "tests/test_wire_conformance.py"],
+    "hilbridge/wire/e2e.py": ["tests/wire/test_codec_and_link.py"],
 }
-TIMEOUT_S = 60
+TIMEOUT_S = 60.0
+JOBS = os.cpu_count() or 1
+CONTROL = "control"
+CONTROL_TEST_S, CONTROL_TESTS = 0.1, 60  # controls run as many quick tests, drawn by the seed
 
 
 class Baseline(NamedTuple):
@@ -86,8 +93,8 @@ class _Finder(importlib.abc.MetaPathFinder):
 def install(target: str, mutant: Mutant) -> bool:
     """Make the mutant what every test in this process sees; False when that needs all our modules imported anew.
 
-    Inside a function: the function that is already imported is given its mutated code. A constant of the module: every
-    module that has taken it over by name is given the mutated one.
+    Inside a function: the function that is already imported is given its mutated code. A plain constant of the module:
+    every module that has taken it over by name is given the mutated one.
     """
     if mutant.place == "class":
         return False
@@ -98,16 +105,25 @@ def install(target: str, mutant: Mutant) -> bool:
     if mutant.place == "function":
         _take_over(old, changed, name)
         return True
-    for known, value in list(old.items()):
-        if known not in changed and isinstance(value, _PLAIN) and not known.startswith("__"):
-            for module in [m for m in sys.modules.values() if vars(m).get(known) is value]:
+    differ = {known: value for known, value in old.items() if isinstance(value, _PLAIN) and not known.startswith("__")}
+    differ = {known: value for known, value in differ.items() if known not in changed or changed[known] != value}
+    if not all(_is_plain(changed.get(known)) for known in differ):
+        return False  # it holds members of classes made anew, which nobody else would know again
+    for known, value in differ.items():
+        for module in [m for m in sys.modules.values() if vars(m).get(known) is value]:
+            if known in changed:
+                setattr(module, known, changed[known])
+            else:
                 delattr(module, known)
-            continue
-        made = changed.get(known, value)
-        if isinstance(value, _PLAIN) and made != value:
-            for module in [m for m in sys.modules.values() if vars(m).get(known) is value]:
-                setattr(module, known, made)
     return True
+
+
+def _is_plain(value: object) -> bool:
+    if isinstance(value, dict):
+        return all(_is_plain(key) and _is_plain(entry) for key, entry in value.items())
+    if isinstance(value, (tuple, frozenset)):
+        return type(value) in (tuple, frozenset) and all(_is_plain(entry) for entry in value)
+    return value is None or type(value) in (bool, int, float, str, bytes)
 
 
 _PLAIN = (int, float, str, bytes, tuple, dict, frozenset)
@@ -119,6 +135,9 @@ def import_anew(target: str, mutant: Mutant) -> None:
     ours = ("firmware_sim", "hilbridge", "tests", "test_")
     for module in [known for known in sys.modules if known.startswith(ours) and known not in _KEPT]:
         del sys.modules[module]
+        package, _, last = module.rpartition(".")
+        if package in _KEPT:  # or `from tests.safety import ...` would still find the old one there
+            vars(sys.modules[package]).pop(last, None)
     sys.meta_path.insert(0, _Finder(name, ROOT / target, compile(mutant.build(), str(ROOT / target), "exec")))
 
 
@@ -131,7 +150,7 @@ def _take_over(old: dict[str, Any], new: dict[str, Any], module: str) -> None:
         made, there = getattr(made, "fget", made), getattr(there, "fget", there)
         if isinstance(made, FunctionType) and isinstance(there, FunctionType) and made.__module__ == module:
             if made.__code__.co_freevars == there.__code__.co_freevars:
-                there.__code__, there.__defaults__ = made.__code__, made.__defaults__
+                there.__code__ = made.__code__
         elif isinstance(made, type) and isinstance(there, type) and made.__module__ == module:
             _take_over(dict(vars(there)), dict(vars(made)), module)
 
@@ -164,79 +183,123 @@ def baseline() -> Baseline:
     return Baseline(lines, seconds)
 
 
-def chosen_tests(target: str, mutant: Mutant, known: Baseline) -> list[str]:
-    """Tests that run through the mutant's line, quickest first; TARGETS says which where the line runs at import."""
+def chosen_tests(target: str, mutant: Mutant, known: Baseline) -> tuple[list[str], bool]:
+    """Tests that run through the mutant's line, quickest first; TARGETS says which where it runs at import (the flag)."""
     tests = known.lines.get(target, {}).get(mutant.line, set())
+    at_import = not tests and mutant.place == "function"
     if not tests:
         tests = {test for test in known.seconds if test.split("::")[0].endswith(TARGETS[target])}
-    return sorted(tests, key=lambda test: (known.seconds.get(test, 0.0), test))
+    return sorted(tests, key=lambda test: (known.seconds.get(test, 0.0), test)), at_import
+
+
+class Case(NamedTuple):
+    """A mutant, the tests that may kill it, and whether its line runs at import, so that no running test shows it."""
+
+    target: str
+    mutant: Mutant
+    tests: list[str]
+    at_import: bool = False
+    limit_s: float = TIMEOUT_S
+
+
+class Verdicts(NamedTuple):
+    """Verdict -> cases; and the controls: files given to the tests unchanged, of which none may be killed."""
+
+    found: dict[str, list[tuple[str, str]]]
+    controls: dict[str, int]
+
+
+class _Running(NamedTuple):
+    case: Case
+    reading: int
+    deadline_s: float
 
 
 class Campaign:
     """A pytest plugin: pytest collects once; then, instead of its own loop, a process per mutant runs chosen items."""
 
-    def __init__(self, cases: list[tuple[str, Mutant, list[str]]], say: bool) -> None:
+    def __init__(self, cases: list[Case], say: bool) -> None:
         self.cases, self.say = cases, say
         self.verdicts: dict[str, list[tuple[str, str]]] = {}
+        self.controls: dict[str, int] = {}
         self.killers: list[str] = []
+        self._running: dict[int, _Running] = {}
+        self._done = 0
 
     def pytest_runtestloop(self, session: Any) -> bool:
-        """All mutants."""
+        """All mutants, as many at a time as there are processors."""
         named: dict[str, list[Any]] = {}
         for item in session.items:  # by its own name and by its file's: the quick part names whole files
             named.setdefault(item.nodeid, []).append(item)
             named.setdefault(item.nodeid.split("::")[0], []).append(item)
-        for done, (target, mutant, tests) in enumerate(self.cases, 1):
-            recent = [test for test in self.killers if test in set(tests)]
-            order = dict.fromkeys([*recent, *tests])
+        for case in self.cases:
+            recent = [test for test in self.killers if test in set(case.tests)]
+            order = dict.fromkeys([*recent, *case.tests])
             chosen = [item for test in order for item in named.get(test, [])]
-            assert chosen, f"no test was collected for {target} {mutant.key}"
-            verdict, killer = judge(target, mutant, chosen)
-            if killer:  # neighbours fall to the same test
-                self.killers = [killer, *(test for test in self.killers if test != killer)][:40]
-            self.verdicts.setdefault(verdict, []).append((target, mutant.key))
-            if self.say and (verdict in ("survived", "crash", "timeout") or done % 25 == 0):
-                print(f"{done}/{len(self.cases)} {verdict}: {target} {mutant.key}", file=sys.__stderr__, flush=True)
+            assert chosen, f"no test was collected for {case.target} {case.mutant.key}"
+            while len(self._running) >= JOBS:
+                self._reap()
+            self._start(case, chosen)
+        while self._running:
+            self._reap()
         return True
 
+    def _start(self, case: Case, items: list[Any]) -> None:
+        reading, writing = os.pipe()
+        child = os.fork()
+        if child == 0:
+            os.setpgid(0, 0)
+            _run_in_child(case, items, writing)
+        os.close(writing)
+        self._running[child] = _Running(case, reading, time.monotonic() + case.limit_s)
 
-def judge(target: str, mutant: Mutant, items: list[Any]) -> tuple[str, str]:
-    """killed, survived, import (it cannot even be imported), crash or timeout, from a process of its own; and the killer."""
-    reading, writing = os.pipe()
-    child = os.fork()
-    if child == 0:
-        _run_in_child(target, mutant, items, writing)
-    os.close(writing)
-    verdict = _awaited(child)
-    killer = os.read(reading, 4096).decode() if verdict == "killed" else ""
-    os.close(reading)
-    return verdict, killer
-
-
-def _awaited(child: int) -> str:
-    deadline_s = time.monotonic() + TIMEOUT_S
-    while True:
-        done, status = os.waitpid(child, os.WNOHANG)
-        if done:
-            break
-        if time.monotonic() > deadline_s:
-            os.kill(child, signal.SIGKILL)
-            os.waitpid(child, 0)
-            return "timeout"
+    def _reap(self) -> None:
+        """Take in whoever has ended; end whoever is overdue."""
+        for child, running in list(self._running.items()):
+            done, status = os.waitpid(child, os.WNOHANG)
+            if done:
+                self._judged(child, _verdict(status))
+            elif time.monotonic() > running.deadline_s:
+                os.kill(child, signal.SIGKILL)
+                os.waitpid(child, 0)
+                self._judged(child, "timeout")
         time.sleep(0.002)
+
+    def _judged(self, child: int, verdict: str) -> None:
+        case, reading, _ = self._running.pop(child)
+        killer = os.read(reading, 4096).decode() if verdict == "killed" else ""
+        os.close(reading)
+        self._done += 1
+        if case.mutant.key == CONTROL:
+            if verdict != "survived":
+                print(
+                    f"control {case.target} as {case.mutant.place}: {verdict} {killer}", file=sys.__stderr__, flush=True
+                )
+            self.controls[verdict] = self.controls.get(verdict, 0) + 1
+        else:
+            self.verdicts.setdefault(verdict, []).append((case.target, case.mutant.key))
+        if killer:  # neighbours fall to the same test
+            self.killers = [killer, *(test for test in self.killers if test != killer)][:40]
+        if self.say and (verdict in ("survived", "crash", "timeout") or self._done % 25 == 0):
+            text = f"{self._done}/{len(self.cases)} {verdict}: {case.target} {case.mutant.key}"
+            print(text, file=sys.__stderr__, flush=True)
+
+
+def _verdict(status: int) -> str:
+    """killed, survived, import (it cannot even be imported) or crash, from how the mutant's process ended."""
     if os.WIFSIGNALED(status):
         return "crash"
     return {0: "survived", 1: "killed", 2: "import", 4: "import"}.get(os.WEXITSTATUS(status), "crash")
 
 
-def _run_in_child(target: str, mutant: Mutant, items: list[Any], writing: int) -> None:
+def _run_in_child(case: Case, items: list[Any], writing: int) -> None:
     code = 70
     try:
         void = os.open(os.devnull, os.O_RDWR)
         for descriptor in (0, 1, 2):
             os.dup2(void, descriptor)
         try:
-            patched = install(target, mutant)
+            patched = not case.at_import and install(case.target, case.mutant)
         except Exception:  # the mutant cannot even be imported: no test could overlook it
             os._exit(2)
         if patched:
@@ -244,10 +307,11 @@ def _run_in_child(target: str, mutant: Mutant, items: list[Any], writing: int) -
             if killer is not None:
                 os.write(writing, killer.nodeid.encode()[:4096])
             code = int(killer is not None)
-        else:
+        # What was made of a constant at import, here or in another module, only a new import shows.
+        if not patched or (code == 0 and case.mutant.place == "module"):
             import pytest
 
-            import_anew(target, mutant)
+            import_anew(case.target, case.mutant)
             code = int(pytest.main([*_OPTIONS, "-x", *(item.nodeid for item in items)]))
     finally:
         os._exit(code)
@@ -273,51 +337,83 @@ _OPTIONS = (
 )
 
 
-def campaign(cases: list[tuple[str, Mutant, list[str]]], say: bool) -> dict[str, list[tuple[str, str]]]:
-    """Verdicts: verdict -> [(target, key)]."""
+def campaign(cases: list[Case], say: bool) -> Verdicts:
+    """Run them all."""
     import pytest
 
     plugin = Campaign(cases, say)
     os.chdir(ROOT)
-    paths = sorted({test.split("::")[0] for _, _, tests in cases for test in tests})
+    paths = sorted({test.split("::")[0] for case in cases for test in case.tests})
     with contextlib.redirect_stdout(io.StringIO()):
         pytest.main([*_OPTIONS, "-s", *paths], plugins=[plugin])
-    return plugin.verdicts
+    return Verdicts(plugin.verdicts, plugin.controls)
+
+
+def controls(targets: tuple[str, ...], tests: dict[str, list[str]]) -> list[Case]:
+    """Each file as it is, installed in every way a mutant is: a harness that kills these kills for another reason."""
+    cases = []
+    for target in targets:
+        tree = ast.parse((ROOT / target).read_text())
+        for place in ("function", "module", "class"):
+            cases.append(Case(target, Mutant(CONTROL, 0, lambda tree=tree: tree, place), tests[target], limit_s=600.0))  # type: ignore[misc]
+    return cases
+
+
+def _cases(everything: dict[str, list[Mutant]], argued: dict[str, dict[str, str]], scale: Scale) -> list[Case]:
+    if scale.quick:
+        rng, cases = random.Random(scale.seed), []
+        for target, tests in QUICK.items():
+            candidates = [m for m in everything[target] if m.key not in argued.get(target, {})]
+            cases += [Case(target, mutant, tests) for mutant in rng.sample(candidates, 2)]
+        return [*controls(tuple(QUICK), QUICK), *cases]
+    known = baseline()
+    cases = []
+    for target, found in everything.items():
+        for mutant in found:
+            tests, at_import = chosen_tests(target, mutant, known)
+            alone_s = sum(known.seconds.get(test, 0.0) for test in tests)
+            cases.append(Case(target, mutant, tests, at_import, TIMEOUT_S + 10 * alone_s))
+    named = {}
+    for target in everything:
+        tests_of = {test for case in cases if case.target == target for test in case.tests}
+        quick = sorted(test for test in tests_of if known.seconds.get(test, 0.0) < CONTROL_TEST_S)
+        named[target] = random.Random(scale.seed).sample(quick, min(len(quick), CONTROL_TESTS))
+    return [*controls(tuple(everything), named), *cases]
 
 
 def run(scale: Scale, targets: tuple[str, ...] = tuple(TARGETS)) -> list[Row]:
-    """The full run takes about half an hour; the quick one does a seeded handful."""
+    """The full run takes about a quarter of an hour on two processors; the quick one does a seeded handful."""
     everything = {target: list(mutants((ROOT / target).read_text())) for target in targets}
     argued: dict[str, dict[str, str]] = json.loads(EQUIVALENT.read_text())
-    if scale.quick:
-        rng = random.Random(scale.seed)
-        cases = []
-        for target, test in QUICK.items():
-            candidates = [m for m in everything[target] if m.key not in argued.get(target, {})]
-            cases += [(target, mutant, [test]) for mutant in rng.sample(candidates, 2)]
-    else:
-        known = baseline()
-        cases = [(t, m, chosen_tests(t, m, known)) for t, found in everything.items() for m in found]
-    verdicts = campaign(cases, say=not scale.quick)
+    cases = _cases(everything, argued, scale)
+    verdicts, control = campaign(cases, say=not scale.quick)
     count = Counter({verdict: len(found) for verdict, found in verdicts.items()})
-    survived = verdicts.get("survived", [])
+    # A mutant that never ends is argued like one that survives: nothing has failed because of it.
+    survived = verdicts.get("survived", []) + verdicts.get("timeout", [])
     unargued = [(target, key) for target, key in survived if key not in argued.get(target, {})]
     keys = {target: {mutant.key for mutant in found} for target, found in everything.items()}
     stale = [(t, k) for t, listed in argued.items() if t in keys for k in listed if k not in keys[t]]
     survived_keys = set(survived)
-    refuted = (
-        []
-        if scale.quick
-        else [(t, k) for t, d in argued.items() if t in keys for k in d if (t, k) not in survived_keys]
-    )
+    listed = [(t, k) for t, d in argued.items() if t in keys for k in d]
+    refuted = [] if scale.quick else [entry for entry in listed if entry not in survived_keys]
     for target, key in unargued:
         print(f"survived, not argued: {target} {key}", file=sys.stderr)
     for target, key in stale + refuted:
         print(f"argued equivalent, but gone or killed: {target} {key}", file=sys.stderr)
     figure = (
-        f"{len(cases)} mutants: {count['killed']} killed, {count['import']} not importable, {count['timeout']} timed out, "
-        f"{count['crash']} crashed, {len(survived) - len(unargued)} argued equivalent, {len(unargued)} unargued"
+        f"{sum(count.values())} mutants: {count['killed']} killed, {count['import']} not importable, "
+        f"{count['timeout']} timed out, {count['crash']} crashed, {len(survived) - len(unargued)} argued, "
+        f"{len(unargued)} unargued"
     )
     holds = not unargued and not stale and not refuted and count["crash"] == 0
     what = "a seeded handful" if scale.quick else f"all of {len(targets)} files"
-    return [Row("mutation", f"{what}, a process each: killed or argued", figure, holds)]
+    alive = control.get("survived", 0)
+    return [
+        Row("mutation", f"{what}, a process each: killed or argued", figure, holds),
+        Row(
+            "mutation",
+            "controls: unchanged files, installed in every way: none killed",
+            f"{alive} of {sum(control.values())} survive",
+            alive == sum(control.values()) > 0,
+        ),
+    ]

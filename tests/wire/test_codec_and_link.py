@@ -66,10 +66,10 @@ def test_the_dbc_carries_cycles_timeouts_start_values_and_data_ids() -> None:
         "ACT_CMD": 40,
         "CTRL_STATUS": 20,
         "CTRL_MEAS": 20,
-        "BRIDGE_HB": 100,
+        "BRIDGE_HB": 80,
         "CTRL_HB": 100,
-        "BRIDGE_DIAG": 1000,
-        "CTRL_DIAG": 1000,
+        "BRIDGE_DIAG": 40,
+        "CTRL_DIAG": 34,
     }
     timeouts = {name: message.timeout_ms for name, message in CODEC.messages.items() if message.timeout_ms}
     assert (timeouts["ACT_CMD"], timeouts["ACT_AUTH"], timeouts["CTRL_STATUS"], timeouts["BRIDGE_HB"]) == (
@@ -124,7 +124,7 @@ def test_h9_decode_never_raises(can_id: int, data: bytes, error: bool, fd: bool,
         ("CTRL_STATUS", 24, 4, 9, RejectReason.ENUM),
         ("CTRL_STATUS", 63, 1, 1, RejectReason.RESERVED),
         ("CTRL_MEAS", 24, 4, 1, RejectReason.MUX),
-        ("CTRL_DIAG", 24, 8, 28, RejectReason.MUX),
+        ("CTRL_DIAG", 24, 8, 29, RejectReason.MUX),
         ("CTRL_HB", 24, 8, 0, RejectReason.RANGE),
     ],
 )

@@ -1,0 +1,63 @@
+"""The controller is a pure function of (state, inputs, time), in integers: what a mechanical port to C needs."""
+
+from __future__ import annotations
+
+import ast
+from copy import deepcopy
+from pathlib import Path
+
+import pytest
+
+import firmware_sim
+from firmware_sim.controller import step
+from firmware_sim.memory import Inputs
+from tests.safety.hand import Hand
+
+HOME = Path(firmware_sim.__file__).parent
+STEP = (
+    "controller", "receive", "faults", "watchdogs", "torque", "transmit", "states", "memory", "profiles",
+    "frames", "e2e", "secoc", "selftest",
+)  # fmt: skip
+# Nothing that reads a clock, a bus, a file or chance; `cryptography` is AES in secoc alone.
+ALLOWED = {"__future__", "collections", "copy", "dataclasses", "enum", "functools", "typing"}
+
+
+def imported(name: str) -> set[str]:
+    found = set()
+    for node in ast.walk(ast.parse((HOME / f"{name}.py").read_text())):
+        if isinstance(node, ast.Import):
+            found |= {alias.name for alias in node.names}
+        elif isinstance(node, ast.ImportFrom):
+            module = node.module or ""
+            found |= {f"{module}.{alias.name}" for alias in node.names} if module == "firmware_sim" else {module}
+    return found
+
+
+@pytest.mark.parametrize("name", STEP)
+def test_what_the_step_is_made_of_has_no_clock_no_bus_and_no_chance(name: str) -> None:
+    for module in imported(name):
+        ours = module.removeprefix("firmware_sim.") if module.startswith("firmware_sim") else None
+        if ours is not None:
+            assert ours.split(".")[0] in STEP, module
+        elif module.split(".")[0] == "cryptography":
+            assert name == "secoc"
+        else:
+            assert module.split(".")[0] in ALLOWED, module
+
+
+@pytest.mark.parametrize("name", STEP)
+def test_the_step_calculates_in_integers(name: str) -> None:
+    for node in ast.walk(ast.parse((HOME / f"{name}.py").read_text())):
+        assert not isinstance(node, ast.Div), f"{name}: a division that is not of integers"
+        assert not (isinstance(node, ast.Constant) and isinstance(node.value, float)), f"{name}:{node.lineno}"
+
+
+def test_a_step_leaves_its_state_untouched_and_gives_the_same_twice() -> None:
+    hand = Hand().to_assist()
+    before, kept = hand.state, deepcopy(hand.state)
+    inputs = hand.inputs._replace(frames=(*hand.act(), hand.heartbeat()))
+    first, second = step(before, inputs, hand.now_ms + 1), step(before, inputs, hand.now_ms + 1)
+    assert before == kept
+    assert first == second
+    assert first[0] != kept
+    assert step(before, Inputs(), hand.now_ms + 1) != first

@@ -1,0 +1,36 @@
+"""The parts of `make safety`, by name."""
+
+from __future__ import annotations
+
+import sys
+import time
+
+from tests.safety import campaign, checking, conformance, corruption, forgery, fuzz, hung, mutation, replay
+from tests.safety.branches import run as branches
+from tests.safety.table import Row, Scale
+
+PARTS = {
+    "corruption": corruption.run,
+    "conformance": conformance.run,
+    "replay": replay.run,
+    "forgery": forgery.run,
+    "model": checking.run,
+    "fuzz": fuzz.run,
+    "branches": branches,
+    "mutation": mutation.run,
+    "campaign": campaign.run,  # takes all cores by itself
+    "hung": hung.run,
+}
+
+
+# Everything that only computes, two parts at a time; real time is for `hung`, which has the machine to itself.
+LONGEST_FIRST = ("mutation", "model", "fuzz", "replay", "forgery", "branches", "conformance", "corruption")
+LANES = 2
+
+
+def part(name: str, scale: Scale) -> tuple[str, list[Row]]:
+    """Run one part, and say how long it took."""
+    started = time.monotonic()
+    rows = PARTS[name](scale)
+    print(f"{name}: {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
+    return name, rows
