@@ -7,6 +7,8 @@ import tomllib
 from pathlib import Path
 
 from hilbridge.config import Config, load_config
+from scenarios.run import run_scenario
+from scenarios.schema import FIGURES, load_scenario
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -27,3 +29,18 @@ def test_links_between_documents_lead_somewhere() -> None:
     for document in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
         for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text(encoding="utf-8")):
             assert (document.parent / target).exists(), f"{document.name} links to {target}"
+
+
+def test_the_scenario_page_has_an_example_that_runs_and_names_every_signal_and_figure(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "scenarios.md").read_text(encoding="utf-8")
+    example = re.search(r"```yaml\n(.*?)```", page, re.DOTALL)
+    assert example is not None
+    path = tmp_path / "example.yaml"
+    path.write_text(example[1], encoding="utf-8")
+    scenario = load_scenario(path)
+    assert scenario.sweep
+    run = run_scenario(scenario)
+    assert run.result.passed, run.result.problems()
+    for name in run.trace.values:
+        assert name.startswith("fault.") or f"`{name}`" in page, name
+    assert all(figure in page for figure in FIGURES)

@@ -2,10 +2,18 @@
 
 from __future__ import annotations
 
+import hashlib
+import os
 import tempfile
 from pathlib import Path
 
+import joblib
+
 from scenarios.campaign import GATE_STATES, base_scenario, run_campaign, samples_of
+from scenarios.collect import collect
+from scenarios.run import run_scenario
+from scenarios.runner import file_name
+from scenarios.schema import Scenario
 from tests.safety.defects import DEFECTS, is_clean, is_found
 from tests.safety.table import Row, Scale
 
@@ -39,6 +47,32 @@ FAULTS = (
 )
 
 
+CATALOG = Path(__file__).parents[2] / "scenarios" / "catalog"
+
+
+def _digest(path: Path, scenario: Scenario, folder: Path) -> str:
+    recording = folder / f"{path.stem}-{file_name(scenario.name)}.mcap"
+    run_scenario(scenario, recording=recording)
+    return hashlib.sha256(recording.read_bytes()).hexdigest()
+
+
+def repeated() -> Row:
+    """Every scenario of the catalogue recorded twice: one at a time, and with more processes than cores."""
+    found = collect([CATALOG])
+    digests = []
+    for jobs in (1, 2 * (os.cpu_count() or 1)):
+        with tempfile.TemporaryDirectory() as folder:
+            calls = [joblib.delayed(_digest)(path, scenario, Path(folder)) for path, scenario in found]
+            digests.append(joblib.Parallel(n_jobs=jobs)(calls))
+    equal = sum(first == second for first, second in zip(*digests, strict=True))
+    return Row(
+        "campaign",
+        "every catalogue scenario recorded twice, once with all cores busy: the same bytes",
+        f"{equal} of {len(found)} equal",
+        equal == len(found),
+    )
+
+
 def run(scale: Scale) -> list[Row]:
     """26 fault classes x 200 instants x 4 gate states; the quick part takes one instant of each fault."""
     base, instants = base_scenario(), scale.of(200, 1)
@@ -54,6 +88,7 @@ def run(scale: Scale) -> list[Row]:
     found = sum(map(is_found, DEFECTS))
     clean = sum(map(is_clean, DEFECTS))
     return [
+        *([] if scale.quick else [repeated()]),
         Row(
             "campaign",
             f"{len(FAULTS)} fault classes x {instants} instants x {len(GATE_STATES)} gate states: no safety violation",
