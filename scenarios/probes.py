@@ -27,7 +27,6 @@ DEVICE_AT_REST: dict[str, float | str | bool] = {
     "device.trips": 0.0,
     "device.angle_deg": 0.0,
     "device.velocity_deg_s": 0.0,
-    "device.peak_assist_nm": 0.0,
 }
 
 
