@@ -197,6 +197,9 @@ class BusPort:
             self.counters.dropped_down += 1
         if reopen:
             self._unwatch()
+            if self._recovery is not None:  # a send that failed first may only be waiting for the same link to be up
+                self._recovery.cancel()
+                self._recovery = None
         if self._recovery is None:
             self._recovery = self._loop.call_later(_RECOVERY_S, self._try_recovery, reopen)
 

@@ -305,6 +305,7 @@ def test_h1_what_is_not_assisted_has_no_torque_at_all(code: int) -> None:
 
 
 def test_sine_table_is_a_sine() -> None:
+    assert tuple(round(1000 * math.sin(math.radians(degree))) for degree in range(91)) == torque.SINE
     for angle in range(-400_000, 400_000, 977):
         assert torque.sine_per_mille(angle) == pytest.approx(1000 * math.sin(math.radians(angle / 1000)), abs=2)
 
