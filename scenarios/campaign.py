@@ -30,6 +30,8 @@ GATE_STATES: dict[str, str] = {
     "turning to hold": "device.state == RAMP_DOWN",
 }
 _AFTER_MS = {"hold": 250.0, "turning to act": 60.0, "acting": 900.0, "turning to hold": 45.0}
+# What a short run needs in place of a fault's defaults.
+_OPTIONS: dict[str, dict[str, float]] = {"bus.replay": {"past_s": 0.3}}
 _CHUNK = 64
 _RETRIES = 3
 
@@ -89,7 +91,12 @@ def samples_of(base: Scenario, instants: int, seed: int, only: tuple[str, ...] =
 
 def scenario_for(base: Scenario, sample: Sample) -> Scenario:
     """The base with that one strike, judged by safety alone."""
-    step = {"when": GATE_STATES[sample.gate], "after": f"{sample.after_ms} ms", "fault": sample.fault}
+    step: dict[str, Any] = {
+        "when": GATE_STATES[sample.gate],
+        "after": f"{sample.after_ms} ms",
+        "fault": sample.fault,
+        "with": _OPTIONS.get(sample.fault, {}),
+    }
     if sample.for_ms:
         step["for"] = f"{sample.for_ms} ms"
     return base.model_copy(
