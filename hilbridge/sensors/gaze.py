@@ -57,7 +57,11 @@ def pupil_labs_recording(folder: Path) -> GazeRecording:
 
 
 def begaze_recording(path: Path) -> GazeRecording:
-    """Read a BeGaze 3.1 or 3.4 export."""
+    """Read a BeGaze 3.1 or 3.4 export. BeGaze ends every line, so one that is not ended was cut off."""
+    with path.open("rb") as file:
+        file.seek(-1, 2)
+        if file.read(1) not in b"\r\n":
+            raise InputError(f"gaze {path}: ends in the middle of a line; it is truncated, copy or export it again")
     table = read_begaze(path)
     return _checked(path, table.time_us * 1000, table.x, table.y, table.valid, table.bad_lines, "begaze")
 
@@ -74,15 +78,18 @@ def read_csv(path: Path) -> GazeRecording:
                 raise InputError(
                     f"gaze {path}: no column {', '.join(sorted(missing))}; the header needs time_s,x,y[,valid]"
                 )
+            row: dict[str, str | None] = {}
             for row in reader:
                 try:
-                    time_s, x, y = float(row["time_s"]), float(row["x"]), float(row["y"])
+                    time_s, x, y = float(row["time_s"] or ""), float(row["x"] or ""), float(row["y"] or "")
                     valid = float(row.get("valid") or 1) != 0.0
                     time_ns = round(time_s * 1e9)
                 except (TypeError, ValueError, OverflowError):
                     bad += 1
                     continue
                 rows.append((time_ns, x, y, valid))
+            if row and None in row.values():
+                raise InputError(f"gaze {path}: the last row lacks columns; it is truncated, copy or export it again")
     except (UnicodeDecodeError, csv.Error) as error:
         raise InputError(
             f"gaze {path}: not a CSV text ({error}); save it as UTF-8 with the header time_s,x,y[,valid]"

@@ -62,7 +62,9 @@ class Rig:
         assert self._pipe.recv() == "ready"
 
     def records(self) -> Iterator[dict[str, Any]]:
-        """Records of the log from where it was left, as they come, for at most half a minute."""
+        """Records of the log from where it was left, as they come, for at most a minute."""
+        seen: dict[str, int] = {}
+        last: dict[str, Any] = {}
         end = time.monotonic() + _PATIENCE_S
         with self.log.open(encoding="utf-8") as file:
             file.seek(self._position)
@@ -75,8 +77,13 @@ class Rig:
                 self._position = file.tell()
                 row, self._partial = json.loads(self._partial + chunk), ""
                 if "state" in row:
+                    last = row
+                    seen[f"{row['state']} {row['reason']}"] = seen.get(f"{row['state']} {row['reason']}", 0) + 1
                     yield row
-        raise AssertionError(f"the device's log did not show it within {_PATIENCE_S:g} s")
+        raise AssertionError(
+            f"the device's log did not show it within {_PATIENCE_S:g} s; "
+            f"device {'alive' if self.device.is_alive() else 'dead'}, states {seen}, last {last}; bridge {self._ask()}"
+        )
 
     def skip_to_now(self) -> None:
         self._position, self._partial = self.log.stat().st_size, ""
@@ -139,9 +146,17 @@ class Rig:
         self.await_assist()
         time.sleep(chance.uniform(0.0, 0.12))
         self.inject(fault)
-        result = self.time_to_follow_ms()
-        self.recover(fault)
-        return result
+        try:
+            return self.time_to_follow_ms()
+        finally:
+            self.recover(fault)
+
+    def _ask(self) -> object:
+        """What the bridge says of itself."""
+        if self.bridge is None or not self.bridge.is_alive():
+            return "dead"
+        self._pipe.send("tell")
+        return self._pipe.recv() if self._pipe.poll(5.0) else "silent"
 
     def close(self) -> None:
         for process in (self.bridge, self.device):
