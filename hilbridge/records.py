@@ -73,7 +73,8 @@ class FeatureVector:
     """The input x_t of the network at one 25 Hz step, before z-scoring (features/layout.py names each entry).
 
     `values` is (D,) float32, finite; `valid` has one entry per Modality (u_t); entries of an invalid modality are 0.
-    `oldest_input_ns` is the capture stamp of the oldest valid input used.
+    `oldest_input_ns` is the capture stamp of the oldest valid input used, `captured_ns` the moment that the step is of:
+    live, the picture's capture stamp.
     """
 
     oldest_input_ns: int

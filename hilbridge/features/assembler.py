@@ -36,8 +36,9 @@ class FeatureAssembler:
     ) -> FeatureVector:
         """Newest record of each kind -> features at `now_ns`, raw (not z-scored).
 
-        A record may be handed in again; what is older than 150 ms does not count. Raises ValueError only for a frame
-        that is not an RGB picture.
+        `now_ns` is the moment that the step is of: live, the picture's own stamp, so that what is measured from the
+        vector's `captured_ns` is the way from the picture. A record may be handed in again; what is older than 150 ms
+        does not count. Raises ValueError only for a frame that is not an RGB picture.
         """
         values = np.zeros(D, dtype=np.float32)
         look = self._gaze.update(gaze, now_ns)
@@ -59,7 +60,7 @@ class FeatureAssembler:
         np.clip(values, -LIMIT, LIMIT, out=values)
         return FeatureVector(
             oldest_input_ns=min(stamps, default=now_ns),
-            captured_ns=max(stamps, default=now_ns),
+            captured_ns=now_ns,
             values=values,
             valid=(look is not None, slots is not None and hands is not None, bool(seen)),
         )

@@ -66,7 +66,11 @@ class CameraSource(Source[CameraFrame]):
             if self._wanted_fps is not None:
                 capture.set(cv2.CAP_PROP_FPS, self._wanted_fps)
             return capture
-        options = [] if self._is_file else [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_TIMEOUT_MS]
+        # FFmpeg's own threads would be ordinary ones: on a busy machine they starve behind the real-time threads that
+        # wait for the picture, and the camera lags.
+        options = [cv2.CAP_PROP_N_THREADS, 1]
+        if not self._is_file:
+            options += [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _OPEN_TIMEOUT_MS]
         return cv2.VideoCapture(self._spec, cv2.CAP_FFMPEG, options)
 
     def _open_checked(self) -> tuple[cv2.VideoCapture, NDArray[np.uint8]]:

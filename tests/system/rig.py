@@ -80,10 +80,9 @@ class Rig:
                     last = row
                     seen[f"{row['state']} {row['reason']}"] = seen.get(f"{row['state']} {row['reason']}", 0) + 1
                     yield row
-        alive = self.bridge is not None and self.bridge.is_alive()
         raise AssertionError(
-            f"the device's log did not show it within {_PATIENCE_S:g} s: bridge {'alive' if alive else 'dead'}, "
-            f"device {'alive' if self.device.is_alive() else 'dead'}, states {seen}, last {last}"
+            f"the device's log did not show it within {_PATIENCE_S:g} s; "
+            f"device {'alive' if self.device.is_alive() else 'dead'}, states {seen}, last {last}; bridge {self._ask()}"
         )
 
     def skip_to_now(self) -> None:
@@ -151,6 +150,13 @@ class Rig:
             return self.time_to_follow_ms()
         finally:
             self.recover(fault)
+
+    def _ask(self) -> object:
+        """What the bridge says of itself."""
+        if self.bridge is None or not self.bridge.is_alive():
+            return "dead"
+        self._pipe.send("tell")
+        return self._pipe.recv() if self._pipe.poll(5.0) else "silent"
 
     def close(self) -> None:
         for process in (self.bridge, self.device):

@@ -14,6 +14,7 @@ from hilbridge.config import BusConfig, Config, GateSection
 from hilbridge.priority import use_realtime_scheduling
 from hilbridge.records import FeatureVector, IntentEstimate
 from hilbridge.runtime.assemble import live_bridge, read_parts
+from hilbridge.runtime.live import LiveBridge
 from hilbridge.runtime.simulated_senses import SensorFault, SimulatedSenses
 from hilbridge.verbs import VERBS
 from hilbridge.wearer.person import Wearer
@@ -34,14 +35,19 @@ class Sure:
     def reset(self) -> None: ...
 
 
-def obey(senses: SimulatedSenses, pipe: Connection) -> None:
-    """Set sensor faults as told, until the rig is gone."""
+def obey(senses: SimulatedSenses, live: LiveBridge, pipe: Connection) -> None:
+    """Set sensor faults as told, and tell what is asked, until the rig is gone."""
     while True:
         try:
             name, _, fault = pipe.recv().partition(" ")
         except EOFError:
             return
-        if name == "well":
+        if name == "tell":
+            session = live.node.bridge.session
+            told = {"decision": str(live.node.bridge.command), "device": str(live.node.bridge.device)}
+            told |= {"phase": str(session.phase), "refused": session.refused, "why": session.why}
+            pipe.send({**told, "sensors": str(senses.seen()), **live.counters()})
+        elif name == "well":
             senses.camera.fault = senses.gaze.fault = SensorFault.NONE
         else:
             {"camera": senses.camera, "gaze": senses.gaze}[name].fault = SensorFault(fault)
@@ -51,7 +57,7 @@ async def bridge(bus: str, pipe: Connection) -> None:
     config = Config(bus=BusConfig(spec=bus), gate=GATE)
     senses = SimulatedSenses(lambda: Wearer(3, width_px=96, height_px=72), config.sensors)
     async with live_bridge(config, PARTS, senses, lambda *row: None, predict=Sure()) as live:
-        threading.Thread(target=obey, args=(senses, pipe), daemon=True).start()
+        threading.Thread(target=obey, args=(senses, live, pipe), daemon=True).start()
         pipe.send("ready")
         await live.run()
 
