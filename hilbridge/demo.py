@@ -89,7 +89,10 @@ def run_demo(options: DemoOptions, progress: Progress = lambda seconds, row: Non
     name = f"hilsim:demo-{os.getpid()}" if bus.interface == "hilsim" and options.bus == "auto" else str(bus)
     config = Config(bus=BusConfig(spec=name))
     parts = read_parts(config)
-    options.out.mkdir(parents=True, exist_ok=True)
+    try:
+        options.out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"out {options.out}: {error.strerror}; name a folder that can be written") from None
     tremor = Tremor(options.tremor_hz) if options.tremor_hz > 0 else None
 
     def make_wearer() -> Wearer:

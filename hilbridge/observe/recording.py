@@ -6,7 +6,9 @@ virtual time gives the same bytes.
 
 from __future__ import annotations
 
+import errno
 import json
+import os
 import queue
 import struct
 import threading
@@ -39,12 +41,18 @@ TOPICS: dict[str, str] = {
 
 
 class Recording:
-    """Writes one MCAP file row by row. Use as a context manager; nothing is left half-written on a clean exit."""
+    """Writes one MCAP file row by row, beside its place until it is whole: an earlier one stays until then.
+
+    Use as a context manager. Raises InputError where nothing can be written.
+    """
 
     def __init__(self, path: Path) -> None:
-        path.parent.mkdir(parents=True, exist_ok=True)
+        self._partial = path.with_name(path.name + ".part")
         try:
-            self._file = path.open("wb")
+            path.parent.mkdir(parents=True, exist_ok=True)
+            if path.is_dir():
+                raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
+            self._file = self._partial.open("wb")
         except OSError as error:
             raise InputError(f"recording {path}: {error.strerror}; name a folder that can be written") from None
         self.path = path
@@ -67,6 +75,12 @@ class Recording:
     def close(self) -> None:
         self._writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates all but this one
         self._file.close()
+        self._partial.replace(self.path)
+
+    def discard(self) -> None:
+        """Remove what was written."""
+        self._file.close()
+        self._partial.unlink(missing_ok=True)
 
     def __enter__(self) -> Recording:
         return self
@@ -85,6 +99,7 @@ class BackgroundRecording:
         self._rows: queue.Queue[tuple[str, int, Mapping[str, Any]] | None] = queue.Queue(_QUEUE_ROWS)
         self._thread = threading.Thread(target=self._drain, name="recording", daemon=True)
         self._failure: Exception | None = None
+        self._discarded = False
         self.lost_rows = 0
         self._thread.start()
 
@@ -106,10 +121,10 @@ class BackgroundRecording:
             raise InputError(f"recording {self.path}: {self._failure}; is the disk full?")
 
     def discard(self) -> None:
-        """Close the file and remove it: what it belongs to never began."""
+        """Remove the file: what it belongs to never began."""
+        self._discarded = True
         self._rows.put(None)
         self._thread.join()
-        self.path.unlink(missing_ok=True)
 
     def _drain(self) -> None:
         take_level(Level.ORDINARY)
@@ -120,7 +135,10 @@ class BackgroundRecording:
                 except (OSError, ValueError, TypeError) as failure:
                     self._failure = failure
         try:
-            self._recording.close()
+            if self._discarded:
+                self._recording.discard()
+            else:
+                self._recording.close()
         except OSError as failure:
             self._failure = failure
 

@@ -34,7 +34,7 @@ class HandDetector:
             with _quiet_stderr():
                 import mediapipe as mp
         except ImportError:
-            raise InputError("mediapipe is not installed; add it with `pip install 'hilbridge[hands]'`") from None
+            raise InputError("mediapipe is not installed; add it with `pip install -e '.[hands]'`") from None
         vision = mp.tasks.vision
         options = vision.HandLandmarkerOptions(
             base_options=mp.tasks.BaseOptions(model_asset_path=str(model)),

@@ -62,3 +62,22 @@ def test_broken_files_are_one_line(tmp_path: Path) -> None:
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="Is a directory"):
         Recording(tmp_path)
+
+
+def test_an_earlier_recording_stays_until_the_new_one_is_whole(tmp_path: Path) -> None:
+    path = tmp_path / "a.mcap"
+    with Recording(path) as recording:
+        recording.write("/event", 1, {"text": "first"})
+    first = path.read_bytes()
+    again = BackgroundRecording(path)
+    again.write("/event", 1, {"text": "never began"})
+    assert path.read_bytes() == first
+    again.discard()
+    assert path.read_bytes() == first
+    assert [found.name for found in tmp_path.iterdir()] == ["a.mcap"]
+
+
+def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("in the way")
+    with pytest.raises(InputError, match="name a folder that can be written"):
+        Recording(tmp_path / "file" / "run" / "a.mcap")

@@ -65,6 +65,8 @@ def test_csv_with_bad_rows_counted(tmp_path: Path) -> None:
         ("pixels.csv", "time_s,x,y\n0,640,480\n1,640,480\n", "must be 0..1"),
         ("huge.csv", "time_s,x,y\n1e400,0.5,0.5\n0,0.5,0.5\n", "needs at least two"),
         ("begaze.txt", "## [BeGaze]\nnothing\n", "begaze.txt"),
+        ("cut.csv", "time_s,x,y\n0,0.5,0.5\n1,0.5,0.5\n2,0.5", "the last row lacks columns; it is truncated"),
+        ("cut.txt", "## [BeGaze]\nTime\tType\tTri", "ends in the middle of a line; it is truncated"),
         ("binary.csv", b"time_s,x,y\n\xff\xfe\x00\n", "not a CSV text"),
         ("binary.txt", bytes(range(256)) * 20, "binary.txt"),
     ],

@@ -93,6 +93,7 @@ WRONG = [
     (("run", "--config", "{dbc_config}", "--camera", "{video}", "--no-hands"), "ACT_AUTH"),
     (("run", "--camera", "{video}", "--no-hands", "--key-file", "{open_key}"), "chmod 600"),
     (("report", "absent.mcap"), "absent.mcap: no such file"),
+    (("demo", "--out", "{text}/demo"), "name a folder that can be written"),
     (("demo", "--bus", "can77", "--out", "{folder}/demo"), "demo key"),
 ]
 
