@@ -60,6 +60,7 @@ class Session:
         self._key = b""
         self._freshness = 0
         self._boot_nonce: int | None = None
+        self._mac_failures = 0
         self._bridge_nonce = 0
         self._offered = 0
         self._purpose = Purpose.ARM
@@ -77,18 +78,24 @@ class Session:
         return self._retry_ns is None or now_ns >= self._retry_ns
 
     def request(self, purpose: Purpose, nonce: int, now_ns: int) -> dict[str, int | str]:
-        """Signals of the ARM_REQUEST that starts a handshake."""
+        """Signals of the ARM_REQUEST that starts a handshake, or repeats one that nobody answered.
+
+        A repetition keeps its nonce: a challenge that was only late is then answered with the right key, not with a MAC
+        that the device would count as a failure.
+        """
+        if self.phase is not Phase.REQUESTED or purpose is not self._purpose:
+            self._bridge_nonce = nonce
         self.phase = Phase.REQUESTED
         self._purpose = purpose
-        self._bridge_nonce = nonce
         self._retry_ns = now_ns + CHALLENGE_WAIT_NS
-        return {"BridgeNonce": nonce, "Purpose": purpose.value}
+        return {"BridgeNonce": self._bridge_nonce, "Purpose": purpose.value}
 
     def on_heartbeat(self, boot_nonce: int) -> None:
         """CTRL_HB: a device with another boot nonce has started anew and knows nothing of the session."""
         if boot_nonce != self._boot_nonce:
             self.drop("device restarted")
             self.refused = False
+            self._mac_failures = 0
         self._boot_nonce = boot_nonce
 
     def on_challenge(self, device_nonce: int, number: int, now_ns: int) -> dict[str, int | str] | None:
@@ -113,8 +120,12 @@ class Session:
             self.drop("device disarmed")
 
     def on_mac_failures(self, failures: int) -> None:
-        """CTRL_DIAG: the device counts MAC failures while a response of ours goes unconfirmed: the keys differ."""
-        if self.phase is Phase.RESPONDED and failures > 0:
+        """CTRL_DIAG: one more MAC failure while a response of ours goes unconfirmed: the keys differ.
+
+        Failures known before do not count: they may be another bridge's.
+        """
+        known, self._mac_failures = self._mac_failures, failures
+        if self.phase is Phase.RESPONDED and failures > known:
             self.refused = True
             self.phase = Phase.IDLE
 

@@ -486,6 +486,31 @@ def test_a_restarted_device_ends_the_session() -> None:
 
 
 @requirement("P6")
+def test_a_repeated_request_keeps_its_nonce_so_that_a_late_challenge_is_answered_rightly() -> None:
+    session = fresh()
+    session.request(Purpose.ARM, 11, 0)
+    assert session.request(Purpose.ARM, 12, 300 * MS) == {"BridgeNonce": 11, "Purpose": "Arm"}
+    late = session.on_challenge(1, 1, 310 * MS)
+    once = fresh()
+    once.request(Purpose.ARM, 11, 0)
+    assert late == once.on_challenge(1, 1, 10 * MS)
+    assert session.request(Purpose.ARM, 13, 1_600 * MS)["BridgeNonce"] == 13
+    assert session.request(Purpose.CLEAR_LATCH, 14, 1_900 * MS)["BridgeNonce"] == 14
+
+
+@requirement("P6")
+@pytest.mark.parametrize(("before", "after", "refused"), [(2, 2, False), (2, 3, True), (None, 1, True)])
+def test_failures_of_before_are_not_ours(before: int | None, after: int, refused: bool) -> None:
+    session = fresh()
+    if before is not None:
+        session.on_mac_failures(before)
+    session.request(Purpose.ARM, 1, 0)
+    session.on_challenge(1, 3, 0)
+    session.on_mac_failures(after)
+    assert session.refused is refused
+
+
+@requirement("P6")
 def test_wrong_keys_are_noticed_before_they_latch_the_device() -> None:
     session = fresh()
     session.on_mac_failures(3)
