@@ -60,7 +60,8 @@ class Session:
         self._key = b""
         self._freshness = 0
         self._boot_nonce: int | None = None
-        self._mac_failures = 0
+        self._foreign_failures = 0  # MAC failures that the device had counted before any response of ours
+        self._unconfirmed = False
         self._bridge_nonce = 0
         self._offered = 0
         self._purpose = Purpose.ARM
@@ -95,7 +96,8 @@ class Session:
         if boot_nonce != self._boot_nonce:
             self.drop("device restarted")
             self.refused = False
-            self._mac_failures = 0
+            self._foreign_failures = 0
+            self._unconfirmed = False
         self._boot_nonce = boot_nonce
 
     def on_challenge(self, device_nonce: int, number: int, now_ns: int) -> dict[str, int | str] | None:
@@ -105,6 +107,7 @@ class Session:
         self._key = self._crypto.session_key(self._bridge_nonce, device_nonce, self._boot_nonce, number)
         mac = self._crypto.arm_mac(self._key, self._purpose.value, number, self._bridge_nonce, device_nonce)
         self._offered = number
+        self._unconfirmed = True
         self._retry_ns = now_ns + CONFIRM_WAIT_NS
         # A cleared latch leaves no session behind: the device says so by leaving LATCHED.
         self.phase = Phase.RESPONDED if self._purpose is Purpose.ARM else Phase.IDLE
@@ -114,18 +117,21 @@ class Session:
         """CTRL_STATUS: confirms what was offered, or shows that the device has let go of the session."""
         if self.phase is Phase.RESPONDED and device_armed and number == self._offered:
             self.phase = Phase.ARMED
+            self._unconfirmed = False
             self.number = number
             self._freshness = 0
         elif self.armed and not (device_armed and number == self.number):
             self.drop("device disarmed")
 
     def on_mac_failures(self, failures: int) -> None:
-        """CTRL_DIAG: one more MAC failure while a response of ours goes unconfirmed: the keys differ.
+        """CTRL_DIAG: more MAC failures than before our response, which goes unconfirmed: the keys differ.
 
-        Failures known before do not count: they may be another bridge's.
+        Failures of before may be another bridge's and do not count. Once a response is out, every further one may be ours
+        until a session confirms the key, also where the counter was lost on the bus or came between two tries.
         """
-        known, self._mac_failures = self._mac_failures, failures
-        if self.phase is Phase.RESPONDED and failures > known:
+        if not self._unconfirmed or failures < self._foreign_failures:  # a counter that fell has begun anew
+            self._foreign_failures = failures
+        elif self.phase is Phase.RESPONDED and failures > self._foreign_failures:
             self.refused = True
             self.phase = Phase.IDLE
 

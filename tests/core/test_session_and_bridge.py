@@ -511,6 +511,34 @@ def test_failures_of_before_are_not_ours(before: int | None, after: int, refused
 
 
 @requirement("P6")
+def test_a_failure_told_between_two_tries_still_ends_them() -> None:
+    session = fresh()
+    session.request(Purpose.ARM, 1, 0)
+    session.on_challenge(1, 3, 0)
+    session.drop("device silent")
+    session.on_mac_failures(1)
+    assert not session.refused
+    session.request(Purpose.ARM, 2, 2_000 * MS)
+    session.on_challenge(2, 4, 2_000 * MS)
+    session.on_mac_failures(1)
+    assert session.refused
+
+
+@requirement("P6")
+def test_failures_while_armed_are_anothers() -> None:
+    session = fresh()
+    session.request(Purpose.ARM, 1, 0)
+    session.on_challenge(1, 3, 0)
+    session.on_status(True, 3)
+    session.on_mac_failures(2)
+    session.drop("device silent")
+    session.request(Purpose.ARM, 2, 2_000 * MS)
+    session.on_challenge(2, 4, 2_000 * MS)
+    session.on_mac_failures(2)
+    assert not session.refused
+
+
+@requirement("P6")
 def test_wrong_keys_are_noticed_before_they_latch_the_device() -> None:
     session = fresh()
     session.on_mac_failures(3)
