@@ -61,6 +61,7 @@ class BridgeSide:
         self._hung = self._stalled = False
         self.ticks_missed = 0
         self.send_failed = 0
+        self.frames_lost_before = 0  # known to processes that died since
         self._nonces = random.Random(f"{scenario.seed}.nonces")
         self._generation = 0
         self._bus_code = 0
@@ -102,6 +103,11 @@ class BridgeSide:
         self.world.at(0, self._look)
         self.world.at(0, self._glance)
         self.world.at(TICK_PHASE_NS, self._tick)
+
+    @property
+    def frames_lost(self) -> int:
+        """Frames of the device that the bridge knows it missed, over all its processes."""
+        return self.frames_lost_before + self.wire.counters["LostFrames"]
 
     @property
     def _running(self) -> bool:
@@ -172,7 +178,7 @@ class BridgeSide:
         if not self._running or self._stalled:
             self.ticks_missed += 1
             for fault in ("bridge.hang", "bridge.stall"):
-                if (active := world.board.get(fault)) is not None:
+                if self.alive and (active := world.board.get(fault)) is not None:
                     active.took_effect()
             return
         self._run_tick(now_ns)
@@ -277,6 +283,7 @@ class BridgeSide:
     def _come_back(self) -> None:
         if not self.alive:
             self.alive = True
+            self.frames_lost_before += self.wire.counters["LostFrames"]
             self._generation += 1
             self._boot()
 

@@ -173,7 +173,10 @@ def run_campaign(
     for _ in outcomes:
         done("")
     left = [sample for sample in samples if sample.key not in known]
+    torn = log.exists() and not log.read_bytes().endswith(b"\n")
     with log.open("a", encoding="utf-8") as file, _workers(jobs, cluster) as workers:
+        if torn:  # what an interrupted call left of its last line must not swallow the next
+            file.write("\n")
         if not known and file.tell() == 0:
             file.write(json.dumps({"base": _fingerprint(base)}) + "\n")
         for start in range(0, len(left), _CHUNK):

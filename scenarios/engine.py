@@ -32,9 +32,13 @@ from scenarios.sensing import Body
 from scenarios.stl import holds_now, signal_names
 from scenarios.tap import Tap
 from scenarios.tracks import Tracks
+from scenarios.vocabulary import fault_kind
 
 MS = 1_000_000
 Record = Callable[[str, int, Mapping[str, Any]], None]
+_EVERYBODY = frozenset({"bridge", "device", "intruder"})
+_SENT_BY_BRIDGE = (0x060, 0x061, 0x120, 0x300)
+_DEVICE_FAULTS = ("device.sensor_fault", "device.actuator_lag", "device.torque_bias")
 _BUS_CODES = {
     ControllerState.ACTIVE: 1,
     ControllerState.WARNING: 2,
@@ -71,10 +75,9 @@ class Lockstep:
         self._heap: list[tuple[int, int, Callable[[], None]]] = []
         self._order = 0
         self._random = random.Random(scenario.seed)
-        self._faults = WireFaults(seed=scenario.seed, bit_error_rate=scenario.bus.bit_error_rate)
-        self.network = Network(Medium(scenario.bus.bitrate, faults=self._faults), self.clock)
+        faults = WireFaults(seed=scenario.seed, bit_error_rate=scenario.bus.bit_error_rate)
+        self.network = Network(Medium(scenario.bus.bitrate, faults=faults), self.clock)
         self.wire_effects: dict[str, int] = {}
-        self._cutting: Active | None = None
         self._forcing_off: Active | None = None
         self._attach()
         self.bridge = BridgeSide(self, Tap("bridge", self.board, scenario.seed))
@@ -91,7 +94,6 @@ class Lockstep:
         self.device_tap = Tap("device", self.board, self.scenario.seed)
         self.probe = DeviceProbe(self.tracks, self.record)
         self._device_dropped = 0
-        self._frames: list[Received] = []
 
     # The heap
 
@@ -119,8 +121,15 @@ class Lockstep:
         side = self.bridge
         device = {f"device.{index}": value for index, value in enumerate(self.device.state.counters)}
         wire = {f"wire.{name}": value for name, value in side.wire.counters.items()}
+        self._keep_wire_effects()
         effects = {f"medium.{name}": times for name, times in sorted(self.wire_effects.items())}
-        sent = {"bridge.send_failed": side.send_failed, "device.send_dropped": self._device_dropped}
+        sent = {
+            "bridge.send_failed": side.send_failed,
+            "bridge.tap_lost": side.tap.lost,
+            "device.send_dropped": self._device_dropped,
+            "device.tap_lost": self.device_tap.lost,
+            "intruder.send_dropped": self.intruder.dropped,
+        }
         return {**device, **wire, **effects, **sent, "bridge.ticks_missed": side.ticks_missed}
 
     # Faults
@@ -137,7 +146,7 @@ class Lockstep:
         self._begin(active)
         if step.for_ is not None:
             self.at(now_ns + step.for_, lambda: self._finish(number))
-        elif active.step.fault in _INSTANT:
+        elif fault_kind(step.fault).instant:
             # An instant is over at once; its mark stays for a millisecond, so that expectations can see it.
             self.at(now_ns + MS, lambda: self._finish(number))
         if step.every is not None:
@@ -157,52 +166,64 @@ class Lockstep:
         self.tracks.put(time_ms, "fault.any", bool(under_way))
 
     def _begin(self, active: Active) -> None:
-        fault, device = active.step.fault, self.device
+        fault = active.step.fault
         if fault.startswith("bridge."):
             self.bridge.begin(active)
         elif fault in ("bus.babble", "bus.replay", "bus.forge", "bus.stop"):
             self.intruder.begin(active)
         elif fault == "bus.cut":
-            self._cutting = active
-            self._use_wire(cuts=(WireCut(frozenset({"bridge", "device", "intruder"}), self.clock.time_ns, FOREVER_NS),))
+            self._use_wire()
         elif fault == "bus.bus_off":
             # Every frame of the bridge destroyed 32 times in a row: TEC + 8 each, bus-off at 256.
             self._forcing_off = active
-            self._use_wire(
-                corruptions=tuple(Corruption(can_id, Where.CRC, count=40) for can_id in (0x060, 0x061, 0x120, 0x300))
-            )
-        elif fault == "device.sensor_fault":
-            device.encoder_offset_mdeg = round(active["offset_deg"] * 1000)
-        elif fault == "device.actuator_lag":
-            device.break_motor(lag_s=active["time_constant_ms"] / 1000)
-        elif fault == "device.torque_bias":
-            device.break_motor(bias_nm=active["bias_nm"])
+            self._use_wire()
         elif fault == "device.tick_overrun":
-            device.skip(round(active["overrun_ms"]))
+            self.device.skip(round(active["overrun_ms"]))
             active.took_effect()
+        elif fault.startswith("device."):
+            self._break_device()
 
     def _end(self, active: Active) -> None:
-        fault, device = active.step.fault, self.device
+        fault = active.step.fault
         if fault.startswith("bridge."):
             self.bridge.end(active)
         elif fault == "bus.cut":
-            self._cutting = None
             self._use_wire()
         elif fault == "bus.stale_queue":
             self.intruder.release(self.bridge.tap.release())
-        elif fault == "device.sensor_fault":
-            device.encoder_offset_mdeg = 0
-        elif fault in ("device.actuator_lag", "device.torque_bias"):
-            device.break_motor()
+        elif fault.startswith("device."):
+            self._break_device()
 
-    def _use_wire(self, **faults: Any) -> None:
-        """Exchange the wire's faults, keeping count of what the old ones did."""
-        self.network.pump()
-        for name, times in self.network.medium.fault_state.effects.items():
-            self.wire_effects[name] = self.wire_effects.get(name, 0) + times
-        self.network.medium.use_faults(
-            WireFaults(seed=self._random.getrandbits(32), bit_error_rate=self.scenario.bus.bit_error_rate, **faults)
+    def _break_device(self) -> None:
+        """The device's world as all its faults under way make it: one that ends leaves the others as they are."""
+        sensor, lag, bias = map(self.board.get, _DEVICE_FAULTS)
+        self.device.encoder_offset_mdeg = 0 if sensor is None else round(sensor["offset_deg"] * 1000)
+        self.device.break_motor(
+            lag_s=LAG_S if lag is None else lag["time_constant_ms"] / 1000,
+            bias_nm=0.0 if bias is None else bias["bias_nm"],
         )
+
+    def _use_wire(self) -> None:
+        """The wire as all its faults under way make it, keeping count of what the old ones did."""
+        self.network.pump()
+        self._keep_wire_effects()
+        cut, off = self.board.get("bus.cut"), self._forcing_off
+        self.network.medium.use_faults(
+            WireFaults(
+                seed=self._random.getrandbits(32),
+                bit_error_rate=self.scenario.bus.bit_error_rate,
+                cuts=() if cut is None else (WireCut(_EVERYBODY, self.clock.time_ns, FOREVER_NS),),
+                corruptions=()
+                if off is None
+                else tuple(Corruption(can_id, Where.CRC, count=40) for can_id in _SENT_BY_BRIDGE),
+            )
+        )
+
+    def _keep_wire_effects(self) -> None:
+        effects = self.network.medium.fault_state.effects
+        for name, times in effects.items():
+            self.wire_effects[name] = self.wire_effects.get(name, 0) + times
+        effects.clear()
 
     def _look_for_conditions(self) -> None:
         if not self._waiting or self._looked_at == self.tracks.version:
@@ -232,8 +253,8 @@ class Lockstep:
                 self.put_on_bus(station, when_ns, sent_id, sent_data, self._device_drop)
         self.probe.look(device, now_ns, frames)
         self.bridge.poll()
-        if self._cutting is not None and outgoing:
-            self._cutting.took_effect()
+        if outgoing and (cut := self.board.get("bus.cut")) is not None:
+            cut.took_effect()
         self._look_for_conditions()
         self.at(now_ns + self._tick_ns, self._device_tick)
 
@@ -252,23 +273,16 @@ class Lockstep:
         if (tremor := get("wearer.tremor")) is not None:
             extra_nm += tremor_torque_nm(tremor, now_ns)
         self.device.wearer_extra_nm = extra_nm
-        for fault in ("device.sensor_fault", "device.actuator_lag", "device.torque_bias"):
+        for fault in _DEVICE_FAULTS:
+            # A lag does nothing to a motor that gives no torque.
             if (active := get(fault)) is not None and (
-                fault != "device.actuator_lag"
-                or (abs(self.device.actuator.torque_nm) > 0 and active["time_constant_ms"] > LAG_S * 1000)
+                fault != "device.actuator_lag" or self.device.actuator.torque_nm
             ):
                 active.took_effect()
 
     # The bus
 
-    def put_on_bus(
-        self,
-        station: Station,
-        when_ns: int,
-        can_id: int,
-        data: bytes,
-        dropped: Callable[[], None],
-    ) -> None:
+    def put_on_bus(self, station: Station, when_ns: int, can_id: int, data: bytes, dropped: Callable[[], None]) -> None:
         """Hand a frame to a controller chip, now or later; a full queue or a bus-off chip drops it, which is told."""
         if when_ns > self.clock.time_ns:
             self.at(when_ns, lambda: self.put_on_bus(station, when_ns, can_id, data, dropped))
@@ -289,6 +303,3 @@ class Lockstep:
 def tremor_torque_nm(tremor: Active, now_ns: int) -> float:
     """The wearer's shaking muscles: 0.3 N m per degree of the arm's amplitude at the tremor's frequency."""
     return 0.3 * tremor["arm_deg"] * math.sin(2.0 * math.pi * tremor["hz"] * now_ns * 1e-9)
-
-
-_INSTANT = frozenset({"bus.bus_off", "bus.stop", "bridge.kill", "bridge.restart", "device.tick_overrun"})

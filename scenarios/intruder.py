@@ -74,6 +74,7 @@ class Intruder:
         world.network.medium.node(self.station.number).queue_limit = _QUEUE
         self._tap = bridge_tap
         self._forger = Forger(world.scenario.seed)
+        self.dropped = 0
 
     def begin(self, active: Active) -> None:
         """bus.babble, bus.replay, bus.forge, bus.stop."""
@@ -90,7 +91,9 @@ class Intruder:
             self._send(can_id, data)
 
     def _send(self, can_id: int, data: bytes) -> bool:
-        return self.station.send(WireFrame(can_id, data)) is Enqueued.QUEUED
+        queued = self.station.send(WireFrame(can_id, data)) is Enqueued.QUEUED
+        self.dropped += not queued
+        return queued
 
     def _under_way(self, active: Active) -> bool:
         return self.world.board.get(active.step.fault) is active

@@ -100,7 +100,7 @@ def judge_world(world: Lockstep, cpu_s: float, where: str) -> Run:
         "zero_after_fault_ms": zero_after_fault_ms(trace),
         "trips": float(counters[COUNT_TRIPS]),
         "frames_rejected": float(sum(counters[1:21])),
-        "frames_lost": float(counters[COUNT_LOST] + world.bridge.wire.counters["LostFrames"]),
+        "frames_lost": float(counters[COUNT_LOST] + world.bridge.frames_lost),
     }
     judgements = judged(scenario.expect, trace, figures, safety=False, where=where)
     judgements += judged(safety_expectations(), trace, figures, safety=True, where=where)

@@ -26,6 +26,7 @@ class Tap:
         self._random = random.Random(f"{seed}.tap.{side}")
         self._held: Outgoing | None = None
         self._queue: list[tuple[int, bytes]] = []
+        self.lost = 0  # frames that never went out: dropped, or too many for a stale queue
 
     def send(self, can_id: int, data: bytes, now_ns: int) -> list[Outgoing]:
         """What goes out for a frame handed over now."""
@@ -34,6 +35,7 @@ class Tap:
             return [(now_ns, can_id, data)]
         drop, corrupt, stale, reorder, delay, duplicate = map(self._board.get, _KINDS)
         if drop is not None and self._strikes(drop, can_id):
+            self.lost += 1
             return []
         if corrupt is not None and self._strikes(corrupt, can_id):
             data = self._flipped(data, round(corrupt["bits"]))
@@ -41,6 +43,8 @@ class Tap:
             if len(self._queue) < stale["frames"]:
                 self._queue.append((can_id, data))
                 stale.took_effect()
+            else:
+                self.lost += 1
             return []
         when_ns = now_ns
         if delay is not None and self._strikes(delay, can_id):

@@ -42,6 +42,21 @@ def test_every_fault_of_the_vocabulary_takes_effect_and_none_makes_the_device_un
     assert result.passed, result.problems()
 
 
+def test_a_fault_that_ends_leaves_another_of_the_same_part_as_it_is() -> None:
+    both = run_scenario(
+        acting(
+            {"fault": "device.torque_bias", "at": "1.5 s", "for": "1500 ms", "with": {"bias_nm": 0.2}},
+            {"fault": "device.actuator_lag", "at": "1.6 s", "for": "200 ms"},
+            {"fault": "bus.cut", "at": "2.2 s", "for": "800 ms"},
+            {"fault": "bus.bus_off", "at": "2.0 s"},
+        )
+    )
+    bias, lag, cut, off = both.result.faults
+    assert (bias.effects, lag.worked, cut.worked, off.worked) == (1500, True, True, True)
+    heard = both.trace["device.state"][2600:2950]
+    assert set(heard) <= {"FOLLOW", "LATCHED"}  # still cut, though the chip came back meanwhile
+
+
 def test_a_fault_that_never_takes_effect_fails_its_scenario() -> None:
     never = acting({"fault": "gaze.off", "when": "device.state == PASSIVE"})
     result = run_scenario(never).result
