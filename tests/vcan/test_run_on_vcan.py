@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from hilbridge.sensors.gaze import open_gaze
 from hilbridge.sensors.models import hand_model_path, hand_model_problem
 from hilbridge.wire.codec import default_dbc_path
 
@@ -19,6 +20,7 @@ pytestmark = [pytest.mark.vcan, pytest.mark.data, pytest.mark.timeout(600)]
 
 RUN_S = 400  # the clip lasts 5 s; imports and MediaPipe take most of a minute on a quiet machine's user-mode-linux
 REFERENCE_FRAMES, REFERENCE_WITH_HANDS = 150, 145  # mediapipe 0.10.31 on every frame of the clip, without hurry
+MIN_FRAMES = 25  # on the slowest machine
 
 
 def start(*command: str, **options: Any) -> subprocess.Popen[str]:
@@ -62,7 +64,11 @@ def test_real_input_gives_25_commands_a_second_that_a_stranger_can_read(data: Pa
             device.kill()
             device.communicate()
     camera = result["sensors"]["camera"]
-    assert camera["received"] == REFERENCE_FRAMES == camera["used"] + camera["overwritten"] + camera["failed"]
+    assert camera["received"] == camera["used"] + camera["overwritten"] + camera["failed"]
+    # A run ends with the shorter recording: a processor that decodes the clip too slowly comes to the end of the gaze.
+    if result["seconds"] < open_gaze(data / gaze).time_ns[-1] / 1e9:
+        assert camera["received"] == REFERENCE_FRAMES
+    assert camera["received"] >= MIN_FRAMES
     # The one processor of user-mode-linux cannot look at 30 pictures a second; where most are missed, the tracker loses
     # its hands between the clip's photographs. tests/system/test_real_input.py holds the share at full speed.
     if camera["used"] >= 0.9 * camera["received"]:
