@@ -103,6 +103,7 @@ class LiveBridge:
     async def _tick_until(self, end_ns: int | None) -> None:
         due_ns = self._clock_ns()
         lock = locks_to(self.senses.camera_fps)
+        first = True  # the features seen next are the first
         while not self._stopping.is_set():
             await self._sleep_until(due_ns)
             vector = await self._features(due_ns + GRACE_NS if lock else due_ns)
@@ -112,8 +113,9 @@ class LiveBridge:
             self.tick_late_max_ms = max(self.tick_late_max_ms, (now_ns - due_ns) / 1e6)
             self._tick(vector, now_ns)
             ready_ns = self.senses.vision.last_ready_ns
-            wait_ns = now_ns - ready_ns if lock and ready_ns is not None and ready_ns <= now_ns else None
-            plan = next_tick(due_ns, self._clock_ns(), wait_ns)
+            known = lock and ready_ns is not None and ready_ns <= now_ns
+            plan = next_tick(due_ns, self._clock_ns(), ready_ns if known else None, first=first)
+            first = first and vector is None
             self.ticks_missed += plan.missed
             due_ns = plan.due_ns
 

@@ -14,7 +14,7 @@ PERIOD_NS = 40 * MS
 # A locked tick may come so much later than planned; two ticks are then at most 64 ms apart, far from any watchdog.
 GRACE_NS = 24 * MS
 
-_TARGET_WAIT_NS = 2 * MS  # a little above the jitter of feature extraction: few ticks have to wait
+_TARGET_WAIT_NS = 1 * MS  # about the jitter of a steady detector; a tick that comes before its picture waits for it
 _GAIN = 0.25
 _MAX_STEER_NS = 2 * MS
 _RATE_TOLERANCE = 0.02
@@ -33,19 +33,22 @@ class TickPlan:
     missed: int
 
 
-def next_tick(due_ns: int, now_ns: int, wait_ns: int | None) -> TickPlan:
+def next_tick(due_ns: int, now_ns: int, ready_ns: int | None, *, first: bool = False) -> TickPlan:
     """Plan the tick after the one that was due at `due_ns` and ran at `now_ns`.
 
-    `wait_ns` is how long the newest features had waited when the tick ran (None: no lock, or no features). Steering is
-    at most 2 ms a tick, so the tick's own rate stays within 5 % of 25 Hz. Ticks that are already over are skipped and
-    counted, never made up for.
+    `ready_ns` is when the newest features were ready (None: no lock, or no features). Steering is at most 2 ms a tick, so
+    the tick's own rate stays within 5 % of 25 Hz; only the `first` features of a run set the phase at once (20 to 65 ms
+    to the next tick). Ticks that are already over are skipped and counted, never made up for.
     """
     steer = 0
-    if wait_ns is not None:
-        error = wait_ns - _TARGET_WAIT_NS
-        if error > PERIOD_NS // 2:  # nearer to the picture that is still to come
-            error -= PERIOD_NS
-        steer = max(-_MAX_STEER_NS, min(_MAX_STEER_NS, int(-_GAIN * error)))
+    if ready_ns is not None:
+        error = due_ns - ready_ns - _TARGET_WAIT_NS
+        if error > PERIOD_NS // 2:  # nearer to a picture that is still to come
+            error = (error + PERIOD_NS // 2) % PERIOD_NS - PERIOD_NS // 2
+        if first:
+            steer = -error
+        else:  # one late picture says little of the next, so it counts as one that came just in time
+            steer = max(-_MAX_STEER_NS, min(_MAX_STEER_NS, int(-_GAIN * max(error, -_TARGET_WAIT_NS))))
     planned = due_ns + PERIOD_NS + steer
     if planned > now_ns:
         return TickPlan(planned, 0)

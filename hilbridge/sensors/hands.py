@@ -53,6 +53,8 @@ class HandDetector:
         self._image_type = mp.Image
         self._image_format = mp.ImageFormat.SRGB
         self._last_ms = -1
+        # The first picture costs twice the time of the next: better one that nobody waits for.
+        self.detect(CameraFrame(0, np.zeros((72, 128, 3), np.uint8), 0))
 
     def detect(self, frame: CameraFrame) -> HandTracks:
         """Hands in one picture. MediaPipe wants stamps that increase strictly, in milliseconds."""

@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hilbridge.runtime.health import SensorSeen, first_problem, sensor_problem
-from hilbridge.runtime.phase import MS, PERIOD_NS, locks_to, next_tick
+from hilbridge.runtime.phase import GRACE_NS, MS, PERIOD_NS, locks_to, next_tick
 
 
 def test_free_running_ticks_keep_their_schedule() -> None:
@@ -28,15 +28,29 @@ def test_the_phase_locks_to_a_25_fps_camera_from_any_start(offset_ns: int, drift
     due, first = 0, offset_ns
     for _ in range(400):
         wait = (due - first) % camera_period
-        plan = next_tick(due, due, wait)
+        plan = next_tick(due, due, due - wait)
         assert abs(plan.due_ns - due - PERIOD_NS) <= 2 * MS
         due = plan.due_ns
     assert (due - first) % camera_period <= 4 * MS
 
 
+@given(st.integers(0, PERIOD_NS + GRACE_NS))
+def test_the_first_features_set_the_phase_at_once(offset_ns: int) -> None:
+    """Also those that the tick had to wait for."""
+    due, first_ready = PERIOD_NS, offset_ns
+    plan = next_tick(due, max(due, first_ready), first_ready, first=True)
+    assert (plan.due_ns - first_ready) % PERIOD_NS == 1 * MS
+    assert PERIOD_NS // 2 <= plan.due_ns - due <= GRACE_NS + PERIOD_NS + 1 * MS
+
+
+def test_a_picture_that_was_waited_for_moves_the_phase_little() -> None:
+    plan = next_tick(0, 20 * MS, 19 * MS)
+    assert PERIOD_NS < plan.due_ns <= PERIOD_NS + MS // 2
+
+
 @given(st.integers(0, 10**12), st.integers(0, 10**10), st.one_of(st.none(), st.integers(0, 10**9)))
 def test_the_next_tick_is_always_in_the_future_and_soon(due: int, late: int, wait: int | None) -> None:
-    plan = next_tick(due, due + late, wait)
+    plan = next_tick(due, due + late, None if wait is None else due + late - wait)
     assert due + late < plan.due_ns <= due + late + PERIOD_NS + 2 * MS
     assert plan.missed >= 0
 
