@@ -45,10 +45,9 @@ def next_tick(due_ns: int, now_ns: int, ready_ns: int | None, *, first: bool = F
         error = due_ns - ready_ns - _TARGET_WAIT_NS
         if error > PERIOD_NS // 2:  # nearer to a picture that is still to come
             error = (error + PERIOD_NS // 2) % PERIOD_NS - PERIOD_NS // 2
-        if first:
-            steer = -error
-        else:  # one late picture says little of the next, so it counts as one that came just in time
-            steer = max(-_MAX_STEER_NS, min(_MAX_STEER_NS, int(-_GAIN * max(error, -_TARGET_WAIT_NS))))
+        # One late picture says little of the next, so it counts as one that came just in time.
+        gentle = int(-_GAIN * max(error, -_TARGET_WAIT_NS))
+        steer = -error if first else max(-_MAX_STEER_NS, min(_MAX_STEER_NS, gentle))
     planned = due_ns + PERIOD_NS + steer
     if planned > now_ns:
         return TickPlan(planned, 0)
