@@ -191,11 +191,12 @@ class BridgeSide:
 
     def poll(self) -> None:
         """Once a millisecond: take in what has arrived, answer it, notice the state of the controller chip."""
-        world, station = self.world, self.world.bridge_station
-        while (arrival := station.receive()) is not None:
-            if self.alive:
-                self._inbox.append(_frame(arrival))
-        if not self._running or self._stalled:
+        world = self.world
+        arrivals = world.bridge_station.drain()
+        if not self.alive:
+            return
+        self._inbox += map(_frame, arrivals)
+        if self._hung or self._stalled:
             return
         now_ns = world.clock.time_ns
         for frame in self._inbox:
@@ -213,7 +214,8 @@ class BridgeSide:
             )
             self._send(answers)
         self._inbox.clear()
-        self._send(self.node.bridge.poll(now_ns))
+        if stops := self.node.bridge.poll(now_ns):
+            self._send(stops)
         code, off = world.bus_code()
         if code != self._bus_code:
             self._bus_code = code
@@ -277,6 +279,7 @@ class BridgeSide:
         else:
             self._stalled = False
         if not self._hung and not self._stalled:
+            self.world.network.pump()
             self.poll()
             self._run_tick(self.world.clock.time_ns)
 

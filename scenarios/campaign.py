@@ -20,6 +20,7 @@ import joblib
 from hilbridge.errors import InputError
 from scenarios.run import run_scenario
 from scenarios.schema import Expectation, Scenario, Step, dump_scenario, scenario_of
+from scenarios.stl import first_ms
 from scenarios.vocabulary import FAULTS
 
 # Where a fault strikes: the gate's state at that moment, as conditions on signals.
@@ -32,24 +33,27 @@ GATE_STATES: dict[str, str] = {
 _AFTER_MS = {"hold": 250.0, "turning to act": 60.0, "acting": 900.0, "turning to hold": 45.0}
 # What a short run needs in place of a fault's defaults.
 _OPTIONS: dict[str, dict[str, float]] = {"bus.replay": {"past_s": 0.3}}
+# A sample is watched for so long after its fault; what is still unsafe then was unsafe before.
+_WATCHED_MS = 800.0
 _CHUNK = 64
 _RETRIES = 3
 
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One strike: a fault, `after_ms` after the gate came to `gate`; `number` makes its seed."""
+    """One strike: a fault, `after_ms` after the gate came to `gate`, in a run that ends at `end_ms`."""
 
     fault: str
     gate: str
     after_ms: float
     for_ms: float
+    end_ms: int
     number: int
 
     @property
     def key(self) -> str:
         """What a resumed campaign knows it by."""
-        return f"{self.fault}|{self.gate}|{self.after_ms}|{self.for_ms}|{self.number}"
+        return f"{self.fault}|{self.gate}|{self.after_ms}|{self.for_ms}|{self.end_ms}|{self.number}"
 
     @property
     def file_name(self) -> str:
@@ -74,10 +78,14 @@ class Outcome:
 
 
 def samples_of(base: Scenario, instants: int, seed: int, only: tuple[str, ...] = ()) -> list[Sample]:
-    """`instants` random moments for every fault in every gate state. Raises InputError for an unknown fault."""
+    """`instants` random moments for every fault in every gate state.
+
+    Raises InputError for an unknown fault, or where the base never comes to one of the gate states.
+    """
     unknown = [fault for fault in only if fault not in FAULTS]
     if unknown:
         raise InputError(f"unknown fault `{unknown[0]}`; `hilscenario faults` lists them")
+    reached_ms = _reached_ms(base)
     made: list[Sample] = []
     for fault in only or sorted(FAULTS):
         for gate in GATE_STATES:
@@ -85,8 +93,21 @@ def samples_of(base: Scenario, instants: int, seed: int, only: tuple[str, ...] =
             for instant in range(instants):
                 after_ms = round(chance.uniform(0.0, _AFTER_MS[gate]), 3)
                 for_ms = 0.0 if FAULTS[fault].instant else round(chance.choice((60.0, 180.0, 400.0, 900.0)), 1)
-                made.append(Sample(fault, gate, after_ms, for_ms, instant))
+                end_ms = reached_ms[gate] + after_ms + for_ms + _WATCHED_MS
+                made.append(Sample(fault, gate, after_ms, for_ms, round(end_ms), instant))
     return made
+
+
+def _reached_ms(base: Scenario) -> dict[str, float]:
+    """When the base, left alone, first comes to each gate state."""
+    trace = run_scenario(base).trace
+    reached: dict[str, float] = {}
+    for gate, condition in GATE_STATES.items():
+        at_ms = first_ms(condition, trace)
+        if at_ms is None:
+            raise InputError(f"{base.name}: never comes to `{gate}` ({condition}), so no fault can strike there")
+        reached[gate] = at_ms
+    return reached
 
 
 def scenario_for(base: Scenario, sample: Sample) -> Scenario:
@@ -104,6 +125,7 @@ def scenario_for(base: Scenario, sample: Sample) -> Scenario:
             "name": f"{base.name}: {sample.fault} at {sample.gate} + {sample.after_ms} ms",
             "seed": base.seed + zlib.crc32(sample.key.encode()) % 1_000_000,
             "wearer": base.wearer.model_copy(update={"seed": base.wearer.seed or base.seed}),
+            "duration": min(base.duration, sample.end_ms * 1_000_000),
             "steps": (*base.steps, Step.model_validate(step)),
             "expect": (Expectation(that="always device.assist_nm <= 2.001"),),
         }

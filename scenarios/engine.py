@@ -231,7 +231,8 @@ class Lockstep:
         self._looked_at = self.tracks.version
         for number in sorted(self._waiting):
             step = self.scenario.steps[number]
-            if self._names[number] <= self.tracks.now.keys() and holds_now(step.when or "", self.tracks.now):
+            names, now = self._names[number], self.tracks.now
+            if names <= now.keys() and holds_now(step.when or "", {name: now[name] for name in names}):
                 self._waiting.discard(number)
                 self.at(self.clock.time_ns + step.after, self._striker(number))
 
@@ -240,14 +241,10 @@ class Lockstep:
     def _device_tick(self) -> None:
         now_ns, device, station = self.clock.time_ns, self.device, self.device_station
         self._wearers_arm(now_ns)
-        frames = []
-        while (arrival := station.receive()) is not None:
-            if not arrival.error:
-                wire = arrival.frame
-                plain = not (wire.is_extended or wire.is_fd or wire.is_remote)
-                frames.append(Received(wire.can_id, wire.data, plain))
+        self.network.pump()
+        frames = tuple([_received(arrival.frame) for arrival in station.drain() if not arrival.error])
         device.bus_off = station.state is ControllerState.BUS_OFF
-        outgoing = device.tick(tuple(frames), self._random.getrandbits(32), 0, self._device_dropped)
+        outgoing = device.tick(frames, self._random.getrandbits(32), 0, self._device_dropped)
         for can_id, data in outgoing:
             for when_ns, sent_id, sent_data in self.device_tap.send(can_id, data, now_ns):
                 self.put_on_bus(station, when_ns, sent_id, sent_data, self._device_drop)
@@ -298,6 +295,10 @@ class Lockstep:
             self._forcing_off = None
             self._use_wire()
         return _BUS_CODES.get(state, 0), off
+
+
+def _received(wire: WireFrame) -> Received:
+    return Received(wire.can_id, wire.data, not (wire.is_extended or wire.is_fd or wire.is_remote))
 
 
 def tremor_torque_nm(tremor: Active, now_ns: int) -> float:

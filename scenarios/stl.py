@@ -116,6 +116,12 @@ def judge(text: str, trace: Trace) -> Verdict:
     return Verdict(float(_evaluate(tree, trace)[0]), 0.0)
 
 
+def first_ms(text: str, trace: Trace) -> float | None:
+    """When a formula first holds; None where it never does."""
+    holds = np.flatnonzero(_evaluate(parse(text), trace) >= 0.0)
+    return float(holds[0]) * trace.step_ms if len(holds) else None
+
+
 def holds_now(text: str, values: dict[str, float | str | bool]) -> bool:
     """Whether a formula without temporal operators holds on one sample of values."""
     columns: dict[str, NDArray[np.float64] | NDArray[np.object_]] = {

@@ -11,7 +11,7 @@ LAG_S = 0.0015
 LIMIT_NM = 6.0
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # not frozen: one is made every millisecond
 class Actuator:
     """Present torque; `stuck` freezes it, `gain` scales what is asked (1.0 is healthy), `bias_nm` comes on top."""
 

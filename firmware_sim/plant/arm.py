@@ -20,7 +20,7 @@ STOP_HIGH = math.radians(142.0)
 WEARERS = ("still", "reach", "sway", "tremor")
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)  # not frozen: one is made every millisecond
 class Arm:
     """State of the joint: angle rad, velocity rad/s."""
 

@@ -156,6 +156,12 @@ class Station:
             self.network.pump()
         return self._inbox.popleft() if self._inbox else None
 
+    def drain(self) -> list[Arrival]:
+        """All that had arrived when the network was last pumped."""
+        arrivals = list(self._inbox)
+        self._inbox.clear()
+        return arrivals
+
     def receive_within(self, timeout_s: float | None) -> Arrival | None:
         """One frame, letting at most so much time pass until it has arrived. Raises NothingToCome."""
         return self.receive_until(None if timeout_s is None else self.network.clock.now_ns() + int(timeout_s * 1e9))

@@ -215,6 +215,8 @@ class Bridge:
 
     def poll(self, now_ns: int) -> list[Frame]:
         """STOP frames that are due."""
+        if not self._stops:
+            return []
         due = [stamp for stamp in self._stops if stamp <= now_ns]
         self._stops = self._stops[len(due) :]
         return [] if self._config.listen_only else [self._wire.encode("STOP", {}) for _ in due]

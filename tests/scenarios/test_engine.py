@@ -118,7 +118,7 @@ def test_campaign_samples_are_seeded_and_strike_in_the_named_gate_state() -> Non
     base = base_scenario()
     assert samples_of(base, 3, 7, ("bus.cut",)) == samples_of(base, 3, 7, ("bus.cut",))
     assert samples_of(base, 3, 7, ("bus.cut",)) != samples_of(base, 3, 8, ("bus.cut",))
-    run = run_scenario(scenario_for(base, Sample("bus.cut", "turning to hold", 0.0, 400.0, 0)))
+    run = run_scenario(scenario_for(base, Sample("bus.cut", "turning to hold", 0.0, 400.0, 3000, 0)))
     struck = run.trace["fault.bus.cut"].astype(bool)
     assert run.trace["device.state"][struck][0] in ("RAMP_DOWN", "READY")
-    assert run_sample(base, Sample("bus.cut", "acting", 100.0, 400.0, 0)).safe
+    assert run_sample(base, Sample("bus.cut", "acting", 100.0, 400.0, 3000, 0)).safe
