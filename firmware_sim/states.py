@@ -1,6 +1,6 @@
 """The controller's states, events and its one total transition table. Default deny: what is not listed changes nothing.
 
-`python -m firmware_sim.states` prints the diagram of docs/controller-states.md; a test compares the two and walks the
+`python -m firmware_sim.diagram` prints the diagram of docs/controller-states.md; a test compares the two and walks the
 whole product of states and events.
 """
 
@@ -128,18 +128,3 @@ TABLE: dict[State, dict[Event, State]] = {
 def next_state(state: State, event: Event) -> State:
     """The one place where a state changes."""
     return TABLE[state][event]
-
-
-def diagram() -> str:
-    """The table as a Mermaid state diagram; self-loops are left out."""
-    lines = ["stateDiagram-v2", "    [*] --> BOOT"]
-    for state, row in TABLE.items():
-        for target in State:
-            events = [event.name for event, to in row.items() if to == target and target != state]
-            if events:
-                lines.append(f"    {state.name} --> {target.name}: {', '.join(events)}")
-    return "\n".join(lines) + "\n"
-
-
-if __name__ == "__main__":
-    print(diagram(), end="")  # noqa: T201

@@ -111,6 +111,13 @@ def test_unusable_estimates_hold_at_once_and_forget(row: IntentEstimate | None) 
     assert (state.smoothed, state.last_produced_ns) == ((), None)
 
 
+@pytest.mark.parametrize("row", [None, replace(estimate(1), confidence=math.nan)])
+def test_a_veto_that_forgets_nothing_does_not_save_an_unusable_estimate(row: IntentEstimate | None) -> None:
+    state, decision = gate.step(CONFIG, acting(), row, 1, HoldReason.NOT_ARMED)
+    assert decision.reason is HoldReason.NOT_ARMED
+    assert (state.smoothed, state.last_produced_ns) == ((), None)
+
+
 @pytest.mark.parametrize(
     ("age_ns", "reason"),
     [
@@ -207,7 +214,7 @@ def test_calibrating_the_top_class_down_gives_no_belief_to_others() -> None:
 @pytest.mark.parametrize(
     ("changes", "field"),
     [
-        ({"tau_on": 0.0}, "tau_on"),
+        ({"tau_on": 0.0}, "tau_on = 0"),
         ({"tau_on": 1.01}, "tau_on"),
         ({"tau_on": math.nan}, "tau_on"),
         ({"tau_off": 0.7}, "tau_off"),
@@ -227,6 +234,7 @@ def test_config_refuses_what_is_unsafe_or_senseless(changes: dict[str, float], f
 
 def test_config_accepts_its_limits() -> None:
     replace(CONFIG, tau_on=1.0, tau_off=0.0, alpha=1.0, top_k=1, refractory_ns=0, max_age_ns=150 * MS)
+    replace(CONFIG, max_age_ns=1)
     assert GateConfig(0.8, 0.6) == GateConfig(0.8, 0.6, 0.2, 3, 240 * MS, 150 * MS)
 
 
@@ -267,3 +275,8 @@ def test_h1_h7_properties_hold_on_any_stream(
         if decision.action is not was:
             last_switch = now
         was = decision.action
+
+
+def test_all_but_certainty_leaves_nothing_for_another_verb() -> None:
+    row = replace(estimate(0), probabilities=(1.0 - 1e-13, 1e-13, *(0.0,) * (len(VERBS) - 2)), confidence=0.8)
+    assert gate.believable(row) == (0.8, *(0.0,) * (len(VERBS) - 1))

@@ -525,6 +525,39 @@ def test_a_failure_told_between_two_tries_still_ends_them() -> None:
 
 
 @requirement("P6")
+def test_a_session_that_nobody_began_has_nothing() -> None:
+    session = Session(Authenticator(DEMO_KEY))
+    session.on_mac_failures(1)
+    assert (session.phase, session.number, session.dropped, session.why) == (Phase.IDLE, 0, 0, "")
+    assert session.refused is False
+    assert not session.may_request(0)
+
+
+@requirement("P6")
+def test_a_restarted_device_has_counted_no_failures_yet() -> None:
+    session = fresh()
+    session.on_mac_failures(2)
+    session.on_heartbeat(6)
+    session.request(Purpose.ARM, 1, 0)
+    session.on_challenge(1, 3, 0)
+    session.on_mac_failures(1)
+    assert session.refused
+
+
+@requirement("P6")
+def test_what_a_restarted_device_counts_before_our_response_is_not_ours() -> None:
+    session = fresh()
+    session.request(Purpose.ARM, 1, 0)
+    session.on_challenge(1, 3, 0)
+    session.on_heartbeat(6)
+    session.on_mac_failures(1)
+    session.request(Purpose.ARM, 2, 2_000 * MS)
+    session.on_challenge(2, 4, 2_000 * MS)
+    session.on_mac_failures(1)
+    assert not session.refused
+
+
+@requirement("P6")
 def test_failures_while_armed_are_anothers() -> None:
     session = fresh()
     session.request(Purpose.ARM, 1, 0)

@@ -113,6 +113,8 @@ def test_protect_and_check_agree_and_a_frame_in_error_moves_no_counter() -> None
     assert data[2] == 300 - 256
     status, receiver = e2e.check(frames.ACT_CMD, data, Receiver())
     assert (status, receiver.counter, receiver.machine) == (Check.OK, 44, Machine.INIT)
+    following = e2e.protect(frames.ACT_CMD, data, 301)
+    assert e2e.check(frames.ACT_CMD, following, receiver)[0] == Check.OK
     for position in range(8):
         broken = bytearray(data)
         broken[position] ^= 0x80

@@ -38,7 +38,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "firmware_sim/faults.py": _DEVICE,
     "firmware_sim/watchdogs.py": _DEVICE,
     "firmware_sim/torque.py": ("test_torque_vectors.py", "test_torque.py"),
-    "firmware_sim/transmit.py": ("test_node.py", "test_latches.py"),
+    "firmware_sim/transmit.py": ("test_transmit.py", "test_node.py", "test_latches.py"),
     "firmware_sim/states.py": ("test_states.py", "test_wire_conformance.py", "test_latches.py"),
     "firmware_sim/e2e.py": ("test_frames_and_e2e.py", "test_edges.py", "test_wire_conformance.py", "test_commands.py"),
     "firmware_sim/secoc.py": ("test_frames_and_e2e.py", "test_secoc.py", "test_commands.py"),

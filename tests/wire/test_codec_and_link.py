@@ -329,20 +329,24 @@ def test_protect_vector_of_profile_5() -> None:
     ],
 )
 def test_sequence(delta: int, status: CheckStatus) -> None:
-    before = ReceiverState(250, MachineState.VALID, (CheckStatus.OK,), 5)
-    found, after = e2e.check(e2e.protect(bytes(8), 7, 250 + delta), 7, 3, before)
+    before = ReceiverState(254, MachineState.VALID, (CheckStatus.OK,), 5)
+    found, after = e2e.check(e2e.protect(bytes(8), 7, 254 + delta), 7, 3, before)
     assert found is status
-    assert after.counter == (250 + delta) % 256
+    assert after.counter == (254 + delta) % 256
     assert after.lost == 5 + (delta - 1 if status is CheckStatus.SOME_LOST else 0)
     assert after.window == (CheckStatus.OK, status)
 
 
 def test_errors_move_no_counter_and_short_data_is_an_error() -> None:
     before = ReceiverState(9, MachineState.VALID, (CheckStatus.OK, CheckStatus.OK), 1)
-    for data in (bytes(8), b"", b"\xff", b"\xff\xff"):
+    right_crc_of_nothing = e2e.crc(b"", 7).to_bytes(2, "little")
+    for data in (bytes(8), b"", b"\xff", b"\xff\xff", right_crc_of_nothing):
         found, after = e2e.check(data, 7, 3, before)
         assert found is CheckStatus.ERROR
         assert (after.counter, after.lost) == (9, 1)
+    found, after = e2e.check(e2e.protect(bytes(3), 7, 10), 7, 3, before)  # the shortest that holds a counter
+    assert (found, after.counter) == (CheckStatus.OK, 10)
+    assert ReceiverState().lost == 0
 
 
 OK, E, R, N, L, W = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from hypothesis import given
@@ -42,7 +43,7 @@ def test_both_sides_derive_the_same(
 def test_key_files_must_be_private(tmp_path: Path) -> None:
     path = tmp_path / "arm.key"
     path.write_text("00112233445566778899aabbccddeeff\n")
-    for mode in (0o640, 0o604, 0o610, 0o644):
+    for mode in (0o640, 0o604, 0o610, 0o601, 0o644):
         path.chmod(mode)
         with pytest.raises(KeyFileError) as raised:
             load_key(path, physical=False)
@@ -51,6 +52,14 @@ def test_key_files_must_be_private(tmp_path: Path) -> None:
     assert load_key(path, physical=True) == bytes.fromhex("00112233445566778899aabbccddeeff")
     path.chmod(0o400)
     assert load_key(path, physical=False) == bytes.fromhex("00112233445566778899aabbccddeeff")
+
+
+def test_a_system_without_modes_has_no_private_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = tmp_path / "arm.key"
+    path.write_text("00" * 16)
+    path.chmod(0o644)
+    monkeypatch.setattr(secoc, "os", SimpleNamespace(name="nt"))
+    assert load_key(path, physical=False) == bytes(16)
 
 
 @requirement("P12")
