@@ -32,9 +32,10 @@ GATE_STATES: dict[str, str] = {
 }
 _AFTER_MS = {"hold": 250.0, "turning to act": 60.0, "acting": 900.0, "turning to hold": 45.0}
 # What a short run needs in place of a fault's defaults.
-_OPTIONS: dict[str, dict[str, float]] = {"bus.replay": {"past_s": 0.3}}
+_OPTIONS: dict[str, dict[str, float]] = {"bus.replay": {"past_s": 0.3}, "bridge.restart": {"down_ms": 200.0}}
 # A sample is watched for so long after its fault; what is still unsafe then was unsafe before.
-_WATCHED_MS = 800.0
+_WATCHED_MS = 500.0
+_INSTANT_MS = 300.0  # what follows from a fault without a length: a restart, three STOPs
 _CHUNK = 64
 _RETRIES = 3
 
@@ -92,8 +93,8 @@ def samples_of(base: Scenario, instants: int, seed: int, only: tuple[str, ...] =
             chance = random.Random(f"{seed}.{fault}.{gate}")
             for instant in range(instants):
                 after_ms = round(chance.uniform(0.0, _AFTER_MS[gate]), 3)
-                for_ms = 0.0 if FAULTS[fault].instant else round(chance.choice((60.0, 180.0, 400.0, 900.0)), 1)
-                end_ms = reached_ms[gate] + after_ms + for_ms + _WATCHED_MS
+                for_ms = 0.0 if FAULTS[fault].instant else round(chance.choice((60.0, 150.0, 300.0, 600.0)), 1)
+                end_ms = reached_ms[gate] + after_ms + (for_ms or _INSTANT_MS) + _WATCHED_MS
                 made.append(Sample(fault, gate, after_ms, for_ms, round(end_ms), instant))
     return made
 
