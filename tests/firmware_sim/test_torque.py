@@ -101,6 +101,14 @@ def test_h4_assist_rises_at_most_so_much_within_250_ms() -> None:
     assert sizes[rise + 130] > 1_500_000
 
 
+@pytest.mark.parametrize(
+    ("before", "wanted", "after"),
+    [(1, 1, 1), (1, -5, 0), (-1, 5, 0), (0, 1, 1), (0, -1, -1), (60_000, -1, 10_000), (60_000, 0, 10_000), (0, 0, 0)],
+)
+def test_single_units_of_torque_move_as_large_ones_do(before: int, wanted: int, after: int) -> None:
+    assert torque._limited(before, wanted, 1_000_000) == after
+
+
 @requirement("T8")
 @settings(max_examples=60, deadline=None)
 @given(

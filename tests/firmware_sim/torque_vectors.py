@@ -117,6 +117,14 @@ def _directed() -> Iterator[Segment]:
                 yield Segment(story, "assist", verb, 60, 90_000, 0, -pulls * 90_000, 0, -pulls * opposing, 0)
                 yield Segment(story, "assist", verb, 200, 90_000, 0, -pulls * 90_000, 0, 0, 0)
                 yield Segment(story, "assist", verb, 400, 90_000, 0, -pulls * 90_000, 0, pulls * 5_000, -pulls * 5_000)
+    for sign in (1, -1):
+        story += 1  # a reach at a speed whose damping leaves room to see the push fade
+        for angle, step, ticks in ((60_000, sign * 15, 1_300), (60_000 + sign * 19_500, 0, 300)):
+            yield Segment(story, "assist", 1, ticks, angle, step, sign * 20_000, 0, 0, 0)
+        story += 1  # pushing until contact: just not slow enough, just slow enough, away again while the push fades
+        yield Segment(story, "assist", 3, 600, 60_000, 0, sign * 20_000, 0, 0, 0)
+        for speed, ticks in ((3_001, 1_200), (3_000, 900), (2_999, 300), (20_000, 600), (0, 290), (20_000, 600)):
+            yield Segment(story, "assist", 3, ticks, 60_000, 0, sign * speed, 0, 0, 0)
     for mode, ticks in (("ramp", 39), ("ramp", 40), ("ramp", 600), ("stop", 9), ("stop", 12), ("rest", 3)):
         story += 1
         yield Segment(story, "assist", 1, 1_500, 70_000, 0, -90_000, 0, 0, 0)
