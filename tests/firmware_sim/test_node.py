@@ -272,7 +272,10 @@ def test_a_lost_bus_is_opened_anew(monkeypatch: pytest.MonkeyPatch) -> None:
     mine.close()
 
 
-def test_main_runs_and_ends_with_a_summary(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_main_runs_and_ends_with_a_summary(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("sys.stdin", io.StringIO())
     log = tmp_path / "device.jsonl"
     assert main(["--bus", "virtual:main-test", "--seconds", "0.1", "--json-log", str(log)]) == 0
     out = capsys.readouterr().out.splitlines()
