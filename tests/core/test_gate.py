@@ -214,7 +214,7 @@ def test_calibrating_the_top_class_down_gives_no_belief_to_others() -> None:
 @pytest.mark.parametrize(
     ("changes", "field"),
     [
-        ({"tau_on": 0.0}, "tau_on = 0"),
+        ({"tau_on": 0.0}, "tau_on"),
         ({"tau_on": 1.01}, "tau_on"),
         ({"tau_on": math.nan}, "tau_on"),
         ({"tau_off": 0.7}, "tau_off"),
@@ -228,7 +228,7 @@ def test_calibrating_the_top_class_down_gives_no_belief_to_others() -> None:
     ],
 )
 def test_config_refuses_what_is_unsafe_or_senseless(changes: dict[str, float], field: str) -> None:
-    with pytest.raises(ValueError, match=field):
+    with pytest.raises(ValueError, match=f"^{field} = "):
         replace(CONFIG, **changes)  # type: ignore[arg-type]
 
 
