@@ -10,6 +10,7 @@ from typing import Any
 
 from firmware_sim.memory import COUNT_LOST, COUNT_TRIPS
 from hilbridge.observe.recording import Recording
+from scenarios.bridge_signals import BRIDGE_AT_REST
 from scenarios.engine import Lockstep
 from scenarios.figures import assist_rise_nm_s, gate_figures, zero_after_fault_ms
 from scenarios.judging import FaultCount, Result, judged
@@ -20,16 +21,6 @@ from scenarios.schema import Scenario
 from scenarios.signals import Trace
 
 MS = 1_000_000
-BRIDGE_AT_REST: dict[str, float | str | bool] = {
-    "gate.act": False,
-    "gate.verb": "None",
-    "gate.reason": "none",
-    "gate.confidence": 0.0,
-    "gate.right": False,
-    "bridge.armed": False,
-    "bridge.sensing_age_ms": 1e6,
-    "wearer.intended": "None",
-}
 
 
 @dataclass(frozen=True, slots=True)

@@ -202,6 +202,17 @@ def shift_hands(tracks: HandTracks, amount: float) -> HandTracks:
     return replace(tracks, hands=tuple(replace(hand, x=hand.x + amount) for hand in tracks.hands))
 
 
+def detected(edge: SensorEdge[HandTracks], body: Body, captured_ns: int) -> HandTracks | None:
+    """What the detector finds in the picture of `captured_ns`; None where it gives nothing."""
+    found = edge.deliver(max(0, captured_ns))
+    if found is None:
+        return None
+    late_ns, hands = found[0] - captured_ns, found[1]
+    if late_ns > 0:  # a detector that lags: it tells of an earlier picture
+        hands = HandTracks(captured_ns - late_ns, body.hands(max(0, captured_ns - late_ns)).hands)
+    return hands
+
+
 def edges(
     body: Body, board: FaultBoard, seed: int
 ) -> tuple[SensorEdge[CameraFrame], SensorEdge[GazeSample], SensorEdge[HandTracks]]:
