@@ -51,6 +51,7 @@ class Result:
     cpu_s: float
     replay: str = ""
     page: str = ""
+    live: bool = False  # with real processes, in real time; `cpu_s` is then the time it took
     profile: dict[str, float] = field(default_factory=dict)
 
     @property

@@ -1,0 +1,12 @@
+"""Imported by the server that live runs fork their processes from: what every one of them would import and read again."""
+
+from __future__ import annotations
+
+import firmware_sim.node
+import scenarios.cli  # noqa: F401
+from scenarios.intent import bundle
+from scenarios.live.bridge import codec
+
+assert firmware_sim.node
+bundle()
+codec()
