@@ -11,7 +11,6 @@ from hilbridge.config import SensorsConfig
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.core.gate import GateConfig
 from hilbridge.errors import InputError
-from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.intent.tremor import TremorGuard
 from hilbridge.records import CameraFrame, FeatureVector, Frame, GazeSample
 from hilbridge.runtime.health import SensorSeen
@@ -23,6 +22,7 @@ from hilbridge.wire.secoc import DEMO_KEY, Authenticator
 from scenarios.bridge_signals import absent_bridge, bridge_signals
 from scenarios.faults import Active
 from scenarios.intent import bundle, make_predictor
+from scenarios.recorded import make_assembler
 from scenarios.schema import GatePart
 from scenarios.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, detected, edges
 from scenarios.tap import Tap
@@ -91,7 +91,7 @@ class BridgeSide:
             TremorGuard(),
             lambda now_ns, text: self.world.record("/event", now_ns, {"text": text}),
         )
-        self._assembler = FeatureAssembler()
+        self._assembler = make_assembler(scenario)
         self._frame: CameraFrame | None = None
         self._sample: GazeSample | None = None
         self._vector: FeatureVector | None = None
