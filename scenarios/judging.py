@@ -82,6 +82,15 @@ class Result:
         return clean
 
 
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """A scenario that was not run, and why: shown and counted wherever results are."""
+
+    name: str
+    file: str
+    why: str
+
+
 def _finite(value: Any) -> Any:
     if isinstance(value, float):
         return value if math.isfinite(value) else None
