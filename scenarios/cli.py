@@ -113,7 +113,7 @@ def campaign(
     ),
     jobs: Annotated[int, typer.Option(help="processes at once; -1: all cores")] = -1,
     cluster: Annotated[
-        str | None, typer.Option(help="ray, ray://HOST:PORT, or dask://HOST:PORT in place of local processes")
+        str | None, typer.Option(help="ray, ray://HOST:PORT, dask or dask://HOST:PORT in place of local processes")
     ] = None,
     as_json: Json = False,
 ) -> None:
