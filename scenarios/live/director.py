@@ -30,7 +30,7 @@ from scenarios.live.device_log import Ages, device_now
 from scenarios.live.intruder import LiveIntruder
 from scenarios.live.processes import BridgeHandle, DeviceHandle, LiveProcess, await_ready
 from scenarios.live.wire import SimulatedWire
-from scenarios.schema import Scenario
+from scenarios.schema import BusPart, Scenario
 from scenarios.stl import holds_now, signal_names
 from scenarios.tracks import Value
 from scenarios.vocabulary import fault_kind
@@ -72,7 +72,7 @@ class Director:
     """One live run. `run()` once; `happened` and `board` tell what came of it. Times are from the scenario's 0, in ns."""
 
     def __init__(self, scenario: Scenario, spec: BusSpec, folder: Path) -> None:
-        self.scenario, self.spec, self.folder = scenario, spec, folder
+        self.scenario, self.spec, self.folder = scenario, own_bus(scenario, spec), folder
         self.board = FaultBoard(scenario.steps)
         self.happened = Happened()
         self._now: dict[str, Value] = {}
@@ -377,6 +377,13 @@ class Director:
             self._command(f"push {push_nm:.4f}")
         if opposing is not None or tremor is not None:
             self._at(self._clock() + _PUSH_NS, self._push)
+
+
+def own_bus(scenario: Scenario, spec: BusSpec) -> BusSpec:
+    """A simulated bus outlives its nodes by seconds: one of another bit rate is another bus."""
+    if scenario.bus.bitrate == BusPart().bitrate:
+        return spec
+    return BusSpec(spec.interface, f"{spec.channel}-{scenario.bus.bitrate}")
 
 
 def _within_the_bridge(active: Active) -> bool:

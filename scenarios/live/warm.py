@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import firmware_sim.node
-import scenarios.cli  # noqa: F401
+import typer  # noqa: F401
 from scenarios.intent import bundle
 from scenarios.live.bridge import codec
 
