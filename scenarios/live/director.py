@@ -36,7 +36,8 @@ from scenarios.tracks import Value
 from scenarios.vocabulary import fault_kind
 
 MS = 1_000_000
-_POLL_S = 0.004
+_POLL_S = 0.008
+_SENDING_POLL_S = 0.002
 _LEAD_NS = 200 * MS  # between `go` and the scenario's time 0
 _GRACE_S = 60.0  # how much longer than the scenario a forgotten device lives
 _SETTLE_NS = 100 * MS
@@ -146,7 +147,8 @@ class Director:
             if self._intruder is not None:
                 self._intruder.poll(time.monotonic_ns())
             next_ns = self._heap[0][0] if self._heap else self.scenario.duration
-            time.sleep(max(0.0, min(_POLL_S, (next_ns - now_ns) / 1e9)))
+            longest_s = _POLL_S if self._intruder is None else _SENDING_POLL_S
+            time.sleep(max(0.0, min(longest_s, (next_ns - now_ns) / 1e9)))
         time.sleep(_SETTLE_NS / 1e9)  # rows of the last moment are still being written
 
     def _watch_wire(self) -> None:
@@ -162,10 +164,13 @@ class Director:
                 self._say_if_dead(process)
                 process.end()
         self._follow()
-        if self._device is not None:
-            happened.device_summary = self._device.summary()
         for number, from_ns in self._hang_from.items():
             self._count_missing(number, from_ns, self.scenario.duration)
+        for process in (self._bridge, self._device):
+            if process is not None:
+                process.rows.close()
+        if self._device is not None:
+            happened.device_summary = self._device.summary()
         if self._intruder is not None:
             happened.intruder_dropped = self._intruder.dropped
             self._intruder.close()
@@ -322,6 +327,7 @@ class Director:
         self._follow()
         self._effects_before = [active.effects for active in self.board.all]
         if fault == "bridge.restart":
+            process.rows.close()
             self._bridge = self._new_bridge()
             self._at(now_ns + round(active["down_ms"] * MS), self._come_back)
 

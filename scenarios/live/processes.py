@@ -14,11 +14,10 @@ import os
 import signal
 import sys
 import time
-from collections.abc import Iterator
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from hilbridge.bus.spec import BusSpec
 from hilbridge.errors import InputError
@@ -38,27 +37,32 @@ class Lines:
     """A growing file of JSON lines: each whole one is given once."""
 
     def __init__(self, path: Path) -> None:
-        self._path, self._offset = path, 0
+        self._path = path
+        self._file: BinaryIO | None = None  # kept open: it is looked at hundreds of times a second
+        self._rest = b""
 
-    def new(self) -> Iterator[dict[str, Any]]:
+    def new(self) -> list[dict[str, Any]]:
         """What has come since."""
-        if not self._path.exists():
-            return
-        with self._path.open("rb") as file:
-            file.seek(self._offset)
-            text = file.read()
-        whole = text[: text.rfind(b"\n") + 1]
-        self._offset += len(whole)
-        for line in whole.splitlines():
-            yield json.loads(line)
+        if self._file is None:
+            if not self._path.exists():
+                return []
+            self._file = self._path.open("rb")
+        *whole, self._rest = (self._rest + self._file.read()).split(b"\n")
+        return [json.loads(line) for line in whole]
+
+    def close(self) -> None:
+        """No more of it."""
+        if self._file is not None:
+            self._file.close()
 
 
 class LiveProcess:
-    """One process, ended for certain by `end`."""
+    """One process and the log it writes, ended for certain by `end`."""
 
     name = "process"
 
-    def __init__(self, process: BaseProcess) -> None:
+    def __init__(self, process: BaseProcess, log: Path) -> None:
+        self.rows = Lines(log)
         self._process = process
         process.start()
 
@@ -99,9 +103,8 @@ class BridgeHandle(LiveProcess):
 
     def __init__(self, job: Job) -> None:
         self._orders, theirs = _fork.Pipe()
-        super().__init__(_fork.Process(target=_bridge, args=(job, theirs), daemon=True))
+        super().__init__(_fork.Process(target=_bridge, args=(job, theirs), daemon=True), job.log)
         theirs.close()
-        self.rows = Lines(job.log)
         self._ready = False
 
     @property
@@ -139,9 +142,8 @@ class DeviceHandle(LiveProcess):
         words = ["--bus", str(spec), "--json-log", str(log), "--log-ms", str(LOG_CYCLE_MS)]
         words += ["--wearer-torque", arm, "--seconds", f"{seconds:.3f}"]
         theirs, self._commands = _fork.Pipe(duplex=False)
-        super().__init__(_fork.Process(target=_device, args=(words, theirs, self._said), daemon=True))
+        super().__init__(_fork.Process(target=_device, args=(words, theirs, self._said), daemon=True), log)
         theirs.close()
-        self.rows = Lines(log)
 
     @property
     def ready(self) -> bool:

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-import firmware_sim.node
 import typer  # noqa: F401
+
+import firmware_sim.node
 from scenarios.intent import bundle
 from scenarios.live.bridge import codec
 

@@ -26,7 +26,9 @@ def test_h2_h7_h8_the_catalogues_dropouts_are_green_live_on_vcan(tmp_path: Path)
     for result in results:
         faults = ", ".join(f"{fault['fault']} {fault['effects']}" for fault in result["faults"])
         bad = [judgement["name"] for judgement in result["judgements"] if not judgement["holds"]]
-        print(f"\n{result['name']}: worst zero {result['figures']['zero_after_fault_ms']:.0f} ms; {faults}; failed {bad}")
+        print(
+            f"\n{result['name']}: worst zero {result['figures']['zero_after_fault_ms']:.0f} ms; {faults}; failed {bad}"
+        )
     assert done.returncode == 0, done.stderr
     assert len(results) == len(DROPOUTS)
     assert {judgement["holds"] for result in results for judgement in result["judgements"]} == {True}
