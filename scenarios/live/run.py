@@ -62,7 +62,7 @@ def judge_live(
     }
     expected = tuple(with_margin(expectation) for expectation in scenario.expect)
     judgements = judged(expected, trace, figures, safety=False, where=where)
-    judgements += judged(safety_expectations(), trace, figures, safety=True, where=where)
+    judgements += judged(safety_expectations(live=True), trace, figures, safety=True, where=where)
     judgements += (_all_lived(happened),)
     result = Result(scenario.name, scenario.seed, judgements, faults, figures, seconds, took_s, live=True)
     return Run(result, trace, ticks, scenario)

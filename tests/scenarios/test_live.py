@@ -251,6 +251,19 @@ def test_assist_that_outlives_its_command_is_found_on_the_recording() -> None:
     }
 
 
+def test_stamps_of_two_processes_agree_within_ten_milliseconds() -> None:
+    act = {"accepted_live": True, "accepted_ms": 300}
+
+    def rows(first_ms: int) -> list[dict[str, Any]]:
+        on = [line(t_ms, "ASSIST", 0.01 * (t_ms - first_ms), **act) for t_ms in range(first_ms + 1, 360)]
+        return [line(0, "READY", 0.0), line(first_ms, "READY", 0.0, **act), *on, line(360, "READY", 0.0, **act)]
+
+    ticks = [(300 * MS, tick("ACT")), (340 * MS, tick("HOLD"))]
+    name = "the device assists only what the bridge asked for"
+    assert name not in failed(scenario(), happened(rows(296), ticks))
+    assert name in failed(scenario(), happened(rows(280), ticks))
+
+
 def test_a_process_that_ends_by_itself_fails_the_run() -> None:
     made = happened()
     made.died.append("bridge (exit code 1)")
