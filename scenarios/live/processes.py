@@ -14,6 +14,7 @@ import os
 import signal
 import sys
 import time
+from multiprocessing import forkserver
 from multiprocessing.connection import Connection
 from multiprocessing.process import BaseProcess
 from pathlib import Path
@@ -187,6 +188,8 @@ def _die_with_parent() -> None:
     """Where Linux offers it: no process is left behind, a stopped one neither, when the director is killed."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        # The parent is the server, which ends with the last holder of this: let that be the director alone.
+        os.close(forkserver._forkserver._forkserver_alive_fd)  # type: ignore[attr-defined]
 
 
 def _bridge(job: Job, orders: Connection) -> None:
