@@ -31,6 +31,8 @@ from hilbridge.records import (
     StampSource,
 )
 from hilbridge.sensors.gaze import open_gaze
+from hilbridge.sensors.hands import HandDetector
+from hilbridge.sensors.models import hand_model_path
 from hilbridge.verbs import VERBS
 from scenarios.schema import Scenario, Session
 
@@ -98,7 +100,9 @@ class Filmed(_Recorded):
         _long_enough(f"video {session.video}", self._video.duration_ns, session.from_, duration_ns)
         self._gaze = open_gaze(Path(session.gaze))
         _long_enough(f"gaze {session.gaze}", int(self._gaze.time_ns[-1]), session.from_, duration_ns)
-        self._detector = _hand_detector() if session.hands else None
+        if session.hands and not hand_model_path().is_file():
+            raise InputError(f"hand model {hand_model_path()}: not there; get it once with `hilbridge fetch-models`")
+        self._detector: HandDetector | None = None  # made by the thread that looks for hands: it wants one thread
 
     def frame(self, t_ns: int) -> CameraFrame:
         index, rgb = self._video.at(self._from_ns + t_ns)
@@ -111,9 +115,9 @@ class Filmed(_Recorded):
         return GazeSample(t_ns, x, y, valid, StampSource.HARDWARE)
 
     def hands(self, t_ns: int) -> HandTracks:
-        assert self._detector is not None
-        found: HandTracks = self._detector.detect(self.frame(t_ns))
-        return found
+        if self._detector is None:
+            self._detector = HandDetector(hand_model_path())
+        return self._detector.detect(self.frame(t_ns))
 
 
 class Video:
@@ -240,13 +244,6 @@ def _long_enough(name: str, has_ns: int, from_ns: int, duration_ns: int) -> None
             f"{name}: lasts {has_ns / 1e9:.2f} s, the scenario needs {(from_ns + duration_ns) / 1e9:.2f} s of it; "
             "make `duration` or `from` shorter"
         )
-
-
-def _hand_detector() -> Any:
-    from hilbridge.sensors.hands import HandDetector
-    from hilbridge.sensors.models import hand_model_path
-
-    return HandDetector(hand_model_path())
 
 
 def recorded_person(scenario: Scenario) -> Person | None:

@@ -65,7 +65,7 @@ def run_all(
         done(outcome.name)
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
-        rows = [result.as_json() for result in results] + [{**asdict(one), "skipped": True} for one in skipped]
+        rows = [result.as_json() for result in results] + [{**asdict(one), "passed": None} for one in skipped]
         (options.out / "results.json").write_text(json.dumps(rows, indent=1), encoding="utf-8")
         write_junit(results, options.out / "junit.xml", skipped)
     return results

@@ -6,6 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 from scenarios.bridge_signals import absent_bridge, bridge_signals
+from scenarios.faults import FOREVER_NS
 from scenarios.tracks import Tracks, Value
 
 MS = 1_000_000
@@ -17,12 +18,11 @@ SILENT_NS = 100 * MS
 def put_bridge(tracks: Tracks, ticks: Sequence[tuple[int, Mapping[str, Any]]], away: Iterable[tuple[int, str]]) -> None:
     """Put the bridge's signals: its rows by time (ns from the scenario's 0), and when it was hung, stalled or killed."""
     told: list[tuple[int, dict[str, Value]]] = [(when_ns, absent_bridge(why)) for when_ns, why in away]
-    previous_ns: int | None = None
-    for now_ns, row in ticks:
-        if previous_ns is not None and now_ns - previous_ns > SILENT_NS:
-            told.append((previous_ns + SILENT_NS, absent_bridge("silent")))
-        told.append((now_ns, bridge_signals(row)))
-        previous_ns = now_ns
+    told += [(now_ns, bridge_signals(row)) for now_ns, row in ticks]
+    ends_ns = [next_ns for next_ns, _ in ticks[1:]] + [FOREVER_NS]
+    for (now_ns, _), end_ns in zip(ticks, ends_ns, strict=False):
+        if end_ns - now_ns > SILENT_NS:
+            told.append((now_ns + SILENT_NS, absent_bridge("silent")))
     for now_ns, signals in sorted(told, key=lambda entry: entry[0]):
         for name, value in signals.items():
             if value == "silent" and tracks.now.get("gate.reason") in ("hung", "stalled", "dead"):

@@ -7,11 +7,8 @@ late look changes no verdict.
 from __future__ import annotations
 
 import heapq
-import math
-import signal
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,15 +18,16 @@ from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.spec import BusSpec
 from hilbridge.errors import InputError
 from scenarios.bridge_signals import absent_bridge, bridge_signals
-from scenarios.engine import tremor_torque_nm
 from scenarios.faults import Active, FaultBoard
 from scenarios.live import intruder
-from scenarios.live.bridge import Job
 from scenarios.live.bridge_log import missing_ticks
 from scenarios.live.device_log import Ages, device_now
+from scenarios.live.happened import Happened
 from scenarios.live.intruder import LiveIntruder
-from scenarios.live.processes import BridgeHandle, DeviceHandle, LiveProcess, await_ready
+from scenarios.live.life import AWAY, BridgeLife
+from scenarios.live.processes import DeviceHandle, LiveProcess, await_ready
 from scenarios.live.wire import SimulatedWire
+from scenarios.live.world import PUSHING, DeviceWorld
 from scenarios.schema import BusPart, Scenario
 from scenarios.stl import holds_now, signal_names
 from scenarios.tracks import Value
@@ -43,30 +41,9 @@ _GRACE_S = 60.0  # how much longer than the scenario a forgotten device lives
 _SETTLE_NS = 100 * MS
 _ASKS_FOR_QUIET_S = 0.15
 _OF_THE_WIRE = ("bus.cut", "bus.bus_off")
-_IN_THE_DEVICE = ("device.sensor_fault", "device.actuator_lag", "device.torque_bias")
-_AWAY = {"bridge.hang": "hung", "bridge.stall": "stalled", "bridge.kill": "dead", "bridge.restart": "dead"}
+_SOON_NS = 5 * MS
 _PUSH_NS = 10 * MS
 _WATCH_NS = 50 * MS
-
-
-@dataclass(slots=True)
-class Happened:
-    """What a live run left: rows of both sides with their own stamps (monotonic ns), faults, and how it ended."""
-
-    start_ns: int = 0
-    device_rows: list[dict[str, Any]] = field(default_factory=list)
-    bridge_rows: list[dict[str, Any]] = field(default_factory=list)  # topic, time_ns, row
-    fault_signals: list[tuple[int, dict[str, bool]]] = field(default_factory=list)
-    events: list[tuple[int, str]] = field(default_factory=list)
-    away: list[tuple[int, str]] = field(default_factory=list)
-    died: list[str] = field(default_factory=list)
-    device_summary: dict[str, Any] = field(default_factory=dict)
-    intruder_dropped: int = 0
-
-    @property
-    def ticks(self) -> list[tuple[int, dict[str, Any]]]:
-        """The bridge's ticks, by time from the scenario's 0."""
-        return [(row["time_ns"] - self.start_ns, row["row"]) for row in self.bridge_rows if row["topic"] == "/tick"]
 
 
 class Director:
@@ -85,14 +62,10 @@ class Director:
         self._wire: SimulatedWire | None = None
         self._intruder: LiveIntruder | None = None
         self._device: DeviceHandle | None = None
-        self._bridge: BridgeHandle | None = None
-        self._bridges = 0
+        self._bridge: BridgeLife | None = None
+        self._world = DeviceWorld(self.board, self._command)
         self._effects_before = [0] * len(scenario.steps)  # of bridge processes that have ended
-        self._hang_from: dict[int, int] = {}
-        self._gone_until_ns = 0
-        self._dead_on_purpose = False
-        self._obeyed: set[str] = set()
-        self._pushed_nm = 0.0
+        self._still_from: dict[int, int] = {}  # step -> since when the bridge hangs or stalls for it
 
     # From start to end
 
@@ -110,8 +83,8 @@ class Director:
         self._refuse_company()
         seconds = self.scenario.duration / 1e9
         self._device = DeviceHandle(self.spec, self.folder, self.scenario.device.arm, seconds + _GRACE_S)
-        self._bridge = self._new_bridge()
-        await_ready(self._device, self._bridge)
+        self._bridge = BridgeLife(self.scenario, self.spec, self.folder)
+        await_ready(self._device, self._bridge.handle)
         if any(step.fault in intruder.FAULTS for step in self.scenario.steps):
             self._intruder = LiveIntruder(device_spec(str(self.spec)), self.scenario.seed)
         self.happened.start_ns = time.monotonic_ns() + _LEAD_NS
@@ -130,10 +103,6 @@ class Director:
             raise InputError(
                 f"bus {self.spec}: somebody is on it already ({can_id:#05x} was heard); end that, or use another"
             )
-
-    def _new_bridge(self) -> BridgeHandle:
-        self._bridges += 1
-        return BridgeHandle(Job(self.scenario, self.spec, self.folder / f"bridge-{self._bridges}.jsonl"))
 
     def _play(self) -> None:
         for number, step in enumerate(self.scenario.steps):
@@ -159,16 +128,18 @@ class Director:
     def _close(self) -> None:
         happened = self.happened
         # The bridge first: a device without a bridge falls back to following, as it must.
-        for process in (self._bridge, self._device):
-            if process is not None:
-                self._say_if_dead(process)
-                process.end()
+        handles = [self._bridge.handle if self._bridge else None, self._device]
+        processes: list[LiveProcess] = [handle for handle in handles if handle is not None]
+        for process in processes:
+            on_purpose = process is not self._device and self._bridge is not None and self._bridge.dead
+            if not process.alive and not on_purpose:
+                happened.died.append(f"{process.name} (exit code {process.exit_code})")
+            process.end()
         self._follow()
-        for number, from_ns in self._hang_from.items():
+        for number, from_ns in self._still_from.items():
             self._count_missing(number, from_ns, self.scenario.duration)
-        for process in (self._bridge, self._device):
-            if process is not None:
-                process.rows.close()
+        for process in processes:
+            process.rows.close()
         if self._device is not None:
             happened.device_summary = self._device.summary()
         if self._intruder is not None:
@@ -176,11 +147,6 @@ class Director:
             self._intruder.close()
         if self._wire is not None:
             self._wire.close()
-
-    def _say_if_dead(self, process: LiveProcess) -> None:
-        on_purpose = process is self._bridge and self._dead_on_purpose
-        if not process.alive and not on_purpose:
-            self.happened.died.append(f"{process.name} (exit code {process.exit_code})")
 
     def _clock(self) -> int:
         return time.monotonic_ns() - self.happened.start_ns
@@ -197,12 +163,12 @@ class Director:
         if self._device is not None:
             rows += [(row["ends_ns"], row) for row in self._device.rows.new() if "ends_ns" in row]
         if self._bridge is not None:
-            rows += [(row["time_ns"], row) for row in self._bridge.rows.new()]
+            rows += [(row["time_ns"], row) for row in self._bridge.handle.rows.new()]
         for when_ns, row in sorted(rows, key=lambda entry: entry[0]):
             if "topic" in row:
                 self._take_bridge_row(row)
             elif "command" in row:
-                self._obeyed.add(row["command"].split()[0])
+                self._world.obeyed(row["command"])
                 self.happened.events.append((when_ns, f"device obeys: {row['command']}"))
             else:
                 self._take_device_row(row)
@@ -221,14 +187,8 @@ class Director:
         self.happened.device_rows.append(row)
         self._ages.take(row)
         self._now.update(device_now(row, self._ages))
-        if self.board.quiet:
-            return
-        torque = any(row[part] for part in ("assist_nm", "gravity_nm", "follow_nm"))
-        for fault, command in zip(_IN_THE_DEVICE, ("encoder", "lag", "bias"), strict=True):
-            active = self.board.get(fault)
-            # A lag does nothing to a motor that gives no torque.
-            if active is not None and command in self._obeyed and (torque or command != "lag"):
-                active.took_effect()
+        if not self.board.quiet:
+            self._world.saw(row)
 
     def _look_for_conditions(self, when_ns: int) -> None:
         for number in sorted(self._waiting):
@@ -266,122 +226,83 @@ class Director:
 
     def _begin(self, number: int, active: Active, now_ns: int) -> None:
         fault = active.step.fault
-        if fault in _AWAY:
-            self._begin_with_the_process(number, active, now_ns)
+        if fault in AWAY:
+            self._send_away(number, active, now_ns)
         elif fault in intruder.FAULTS:
             assert self._intruder is not None
             self._intruder.begin(active, time.monotonic_ns())
         elif fault in _OF_THE_WIRE:
             assert self._wire is not None
             self._wire.begin(active)
-        elif fault == "device.tick_overrun":
-            self._command(f"overrun {round(active['overrun_ms'])}")
-            active.took_effect()
         elif fault.startswith("device."):
-            self._break_device()
-        elif fault == "wearer.opposing":
+            self._world.change(active)
+        elif _within_the_bridge(active):
+            self._life.order(("strike", number, now_ns))
+        if fault in PUSHING:
             self._push()
-        else:
-            self._tell_bridge(("strike", number, now_ns))
-            if fault == "wearer.tremor":
-                self._push()
 
     def _end(self, number: int, active: Active, now_ns: int) -> None:
         fault = active.step.fault
-        if fault == "bridge.hang":
-            self._process().signal(signal.SIGCONT)
-            self._count_missing(number, self._hang_from.pop(number, now_ns), now_ns)
-        elif fault == "bridge.stall":
-            self._count_missing(number, self._hang_from.pop(number, now_ns), now_ns)
+        if number in self._still_from:
+            if fault == "bridge.hang":
+                self._life.go_on()
+            self._count_missing(number, self._still_from.pop(number), now_ns)
         elif fault in intruder.FAULTS:
             assert self._intruder is not None
             self._intruder.end(active)
         elif fault in _OF_THE_WIRE:
             assert self._wire is not None
             self._wire.end(active)
-        elif fault in _IN_THE_DEVICE:
-            self._break_device()
+        elif fault.startswith("device."):
+            self._world.change(active)
         elif _within_the_bridge(active):
-            self._tell_bridge(("end", number))
+            self._life.order(("end", number))
 
-    # ... of the bridge's process
-
-    def _begin_with_the_process(self, number: int, active: Active, now_ns: int) -> None:
-        fault, process = active.step.fault, self._process()
-        if not self._dead_on_purpose:
-            self.happened.away.append((now_ns, _AWAY[fault]))
-            self._now.update(absent_bridge(_AWAY[fault]))
-        if fault in ("bridge.hang", "bridge.stall"):
-            self._hang_from[number] = now_ns
-            if fault == "bridge.hang":
-                process.signal(signal.SIGSTOP)
-            else:
-                until_ns = min(active.until_ns, self.scenario.duration)
-                self._tell_bridge(("stall", (until_ns - now_ns) / 1e9))
-            return
-        if self._dead_on_purpose:
-            return
-        self._dead_on_purpose = True
-        process.kill()
-        active.took_effect(not process.alive)
-        self._follow()
-        self._effects_before = [active.effects for active in self.board.all]
-        if fault == "bridge.restart":
-            process.rows.close()
-            self._bridge = self._new_bridge()
-            self._at(now_ns + round(active["down_ms"] * MS), self._come_back)
-
-    def _come_back(self) -> None:
-        bridge = self._process()
-        if not bridge.ready:  # a slow computer: as soon as it is
-            self._at(self._clock() + 5 * MS, self._come_back)
-            return
-        self._dead_on_purpose = False
-        for number, active in enumerate(self.board.all):
-            if self.board.get(active.step.fault) is active and _within_the_bridge(active):
-                bridge.order(("strike", number, active.from_ns))
-        bridge.order(("go", self.happened.start_ns))
-
-    def _process(self) -> BridgeHandle:
+    @property
+    def _life(self) -> BridgeLife:
         assert self._bridge is not None
         return self._bridge
 
-    def _tell_bridge(self, order: Any) -> None:
-        self._process().order(order)
+    def _send_away(self, number: int, active: Active, now_ns: int) -> None:
+        """The bridge's process hangs, stalls or dies; one that is dead already does none of it."""
+        fault = active.step.fault
+        if self._life.dead:
+            return
+        self.happened.away.append((now_ns, AWAY[fault]))
+        self._now.update(absent_bridge(AWAY[fault]))
+        if fault == "bridge.hang":
+            self._still_from[number] = now_ns
+            self._life.hang()
+        elif fault == "bridge.stall":
+            self._still_from[number] = now_ns
+            until_ns = min(active.until_ns, self.scenario.duration)
+            self._life.order(("stall", (until_ns - now_ns) / 1e9))
+        else:
+            active.took_effect(self._life.kill())
+            self._follow()
+            self._effects_before = [active.effects for active in self.board.all]
+            if fault == "bridge.restart":
+                self._life.start_again()
+                self._at(now_ns + round(active["down_ms"] * MS), self._come_back)
+
+    def _come_back(self) -> None:
+        if not self._life.come_back(self.happened.start_ns):  # a slow computer: as soon as it can
+            self._at(self._clock() + _SOON_NS, self._come_back)
+            return
+        for number, active in enumerate(self.board.all):
+            if self.board.get(active.step.fault) is active and _within_the_bridge(active):
+                self._life.order(("strike", number, active.from_ns))
 
     def _count_missing(self, number: int, from_ns: int, until_ns: int) -> None:
         self._follow()
         self.board.all[number].took_effect(missing_ticks(self.happened.ticks, from_ns, until_ns))
 
-    # ... of the device's world
-
     def _command(self, text: str) -> None:
         assert self._device is not None
         self._device.command(text)
 
-    def _break_device(self) -> None:
-        """The device's world as all its faults under way make it: one that ends leaves the others as they are."""
-        self._obeyed -= {"encoder", "lag", "bias"}
-        sensor, lag, bias = map(self.board.get, _IN_THE_DEVICE)
-        self._command(f"encoder {0 if sensor is None else round(sensor['offset_deg'] * 1000)}")
-        self._command("mend")
-        if lag is not None:
-            self._command(f"lag {lag['time_constant_ms']:g}")
-        if bias is not None:
-            self._command(f"bias {bias['bias_nm']:g}")
-
     def _push(self) -> None:
-        """What the wearer's arm does besides: trembles, and pushes against the assist; again while one is under way."""
-        opposing, tremor = self.board.get("wearer.opposing"), self.board.get("wearer.tremor")
-        assist_nm = float(self._now.get("device.assist_nm", 0.0))
-        push_nm = 0.0 if tremor is None else tremor_torque_nm(tremor, self._clock())
-        if opposing is not None and assist_nm:
-            push_nm -= math.copysign(opposing["torque_nm"], assist_nm)
-            opposing.took_effect("push" in self._obeyed)
-        if push_nm != self._pushed_nm:
-            self._pushed_nm = push_nm
-            self._command(f"push {push_nm:.4f}")
-        if opposing is not None or tremor is not None:
+        if self._world.push(float(self._now.get("device.assist_nm", 0.0)), self._clock()):
             self._at(self._clock() + _PUSH_NS, self._push)
 
 
@@ -395,6 +316,5 @@ def own_bus(scenario: Scenario, spec: BusSpec) -> BusSpec:
 def _within_the_bridge(active: Active) -> bool:
     """Whether the bridge's own process carries the fault out: sensors, the wearer before them, taps of its port."""
     fault = active.step.fault
-    if fault in (*_AWAY, *intruder.FAULTS, *_OF_THE_WIRE, "wearer.opposing"):
-        return False
-    return not fault.startswith("device.")
+    elsewhere = fault in (*AWAY, *intruder.FAULTS, *_OF_THE_WIRE, "wearer.opposing")
+    return not elsewhere and not fault.startswith("device.")

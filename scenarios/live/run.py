@@ -15,7 +15,8 @@ from scenarios.figures import gate_figures, zero_after_fault_ms
 from scenarios.judging import FaultCount, Judgement, Result, judged
 from scenarios.live.bridge_log import put_bridge
 from scenarios.live.device_log import assist_figures, device_columns
-from scenarios.live.director import Director, Happened
+from scenarios.live.director import Director
+from scenarios.live.happened import Happened
 from scenarios.run import Run, initial_values, with_derived
 from scenarios.safety import safety_expectations
 from scenarios.schema import Expectation, Scenario

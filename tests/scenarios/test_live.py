@@ -21,11 +21,12 @@ from scenarios.judging import FaultCount
 from scenarios.junit import write_junit
 from scenarios.live.bridge_log import missing_ticks, put_bridge
 from scenarios.live.device_log import assist_figures, device_columns
-from scenarios.live.director import Happened
+from scenarios.live.happened import Happened
 from scenarios.live.intruder import LiveIntruder
 from scenarios.live.possible import impossible_live
 from scenarios.live.run import judge_live, with_margin
 from scenarios.live.senses import EdgeSource
+from scenarios.live.world import DeviceWorld
 from scenarios.runner import sort_out
 from scenarios.schema import Expectation, Scenario, Step, dump_scenario, scenario_of
 from scenarios.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, Body, edges
@@ -202,15 +203,15 @@ def tick(action: str, **more: Any) -> dict[str, Any]:
 def test_a_bridge_that_says_nothing_for_100_ms_asks_for_nothing() -> None:
     tracks = Tracks()
     put_bridge(tracks, [(0, tick("ACT")), (40 * MS, tick("ACT")), (300 * MS, tick("ACT"))], [])
-    assert tracks.events["gate.act"] == [(0.0, True), (140.0, False), (300.0, True)]
-    assert tracks.events["gate.reason"][1] == (140.0, "silent")
+    assert tracks.events["gate.act"] == [(0.0, True), (140.0, False), (300.0, True), (400.0, False)]
+    assert [value for _, value in tracks.events["gate.reason"]] == ["none", "silent", "none", "silent"]
 
 
 def test_a_bridge_that_is_hung_is_known_to_be() -> None:
     tracks = Tracks()
     put_bridge(tracks, [(0, tick("ACT")), (300 * MS, tick("ACT"))], [(20 * MS, "hung")])
-    assert [value for _, value in tracks.events["gate.reason"]] == ["none", "hung", "none"]
-    assert tracks.events["gate.act"] == [(0.0, True), (20.0, False), (300.0, True)]
+    assert [value for _, value in tracks.events["gate.reason"]][:3] == ["none", "hung", "none"]
+    assert tracks.events["gate.act"][:3] == [(0.0, True), (20.0, False), (300.0, True)]
 
 
 def test_a_hang_took_effect_as_often_as_ticks_are_missing() -> None:
@@ -288,6 +289,61 @@ def test_only_the_time_to_zero_after_a_fault_has_a_margin_live() -> None:
     assert with_margin(Expectation(figure="zero_after_fault_ms", at_most=160)).at_most == 210
     assert with_margin(Expectation(figure="acts", at_most=3)).at_most == 3
     assert with_margin(Expectation(that="always gate.act")).that == "always gate.act"
+
+
+# The device's world
+
+
+def struck(*steps: tuple[str, dict[str, float]]) -> tuple[FaultBoard, DeviceWorld, list[str]]:
+    board = FaultBoard(scenario(steps=[{"fault": fault, "at": "1 ms", "with": more} for fault, more in steps]).steps)
+    typed: list[str] = []
+    return board, DeviceWorld(board, typed.append), typed
+
+
+def test_a_device_fault_that_ends_leaves_the_others_and_counts_only_what_the_device_obeyed() -> None:
+    lag = ("device.actuator_lag", {"time_constant_ms": 50.0})
+    board, world, typed = struck(lag, ("device.torque_bias", {"bias_nm": 0.5}))
+    world.change(board.strike(0, 0))
+    world.change(board.strike(1, 0))
+    assert typed[-4:] == ["encoder 0", "mend", "lag 50", "bias 0.5"]
+    world.saw(line(0, "ASSIST", 0.5))
+    assert [active.effects for active in board.all] == [0, 0]  # typed, and not obeyed yet
+    for command in typed[-4:]:
+        world.obeyed(command)
+    world.saw(line(5, "ASSIST", 0.5))
+    world.saw(line(10, "FOLLOW", 0.0))  # a lag does nothing to a motor that gives no torque
+    assert [active.effects for active in board.all] == [1, 2]
+    typed.clear()
+    world.change(board.end(0))
+    assert typed == ["encoder 0", "mend", "bias 0.5"]
+
+
+def test_an_overrun_counts_when_it_is_obeyed_and_is_not_typed_again_at_its_end() -> None:
+    board, world, typed = struck(("device.tick_overrun", {"overrun_ms": 8.0}))
+    world.change(board.strike(0, 0))
+    world.change(board.end(0))
+    assert typed == ["overrun 8"]
+    assert board.all[0].effects == 0
+    world.obeyed("overrun 8")
+    assert board.all[0].effects == 1
+
+
+def test_the_wearer_pushes_against_the_assist_trembles_and_lets_go() -> None:
+    board, world, typed = struck(
+        ("wearer.opposing", {"torque_nm": 2.0}), ("wearer.tremor", {"hz": 5.0, "arm_deg": 2.0})
+    )
+    board.strike(0, 0)
+    assert world.push(0.4, 0)
+    assert world.push(-0.4, 0)
+    assert world.push(0.0, 0)  # no assist, nothing to push against
+    assert typed == ["push -2.0000", "push 2.0000", "push 0.0000"]
+    board.strike(1, 0)
+    assert world.push(0.4, 50 * MS)
+    assert typed[-1] == "push -1.4000"
+    board.end(0)
+    board.end(1)
+    assert not world.push(0.4, 50 * MS)
+    assert typed[-1] == "push 0.0000"
 
 
 # Sensors and intruder on a given clock
