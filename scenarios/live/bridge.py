@@ -47,12 +47,13 @@ class Job:
 
 
 # What the director tells a bridge process: a word and numbers.
-#   go EPOCH_NS            the scenario's time 0 on the monotonic clock; tick from then on, or from now if it is past
+#   go EPOCH_NS STRIKES    the scenario's time 0 on the monotonic clock; tick from then on, or from now if it is past;
+#                          (STEP, NOW_NS) of the faults that are under way already
 #   strike STEP NOW_NS     a fault of this process begins, at NOW_NS of the scenario's time
 #   end STEP               ... and ends
 #   stall SECONDS          block the event loop for so long
 #   stop                   end after the tick under way
-Order = tuple[str, int | float] | tuple[str, int, int] | tuple[str]
+Order = tuple[str, int | float] | tuple[str, int, int] | tuple[str, int, tuple[tuple[int, int], ...]] | tuple[str]
 
 
 class RowLog:
@@ -125,8 +126,12 @@ class BridgeProcess:
             await port.close()
 
     def _await_go(self) -> int | None:
-        order = self._next_order()
-        return int(order[1]) if len(order) == 2 and order[0] == "go" else None
+        match self._next_order():
+            case ("go", int(epoch_ns), tuple(strikes)):
+                for number, now_ns in strikes:
+                    self._board.strike(number, now_ns)
+                return epoch_ns
+        return None
 
     def _next_order(self) -> Order:
         try:

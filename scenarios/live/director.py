@@ -88,7 +88,7 @@ class Director:
         if any(step.fault in intruder.FAULTS for step in self.scenario.steps):
             self._intruder = LiveIntruder(device_spec(str(self.spec)), self.scenario.seed)
         self.happened.start_ns = time.monotonic_ns() + _LEAD_NS
-        self._bridge.order(("go", self.happened.start_ns))
+        self._bridge.go(self.happened.start_ns)
 
     def _refuse_company(self) -> None:
         """Another bridge or device on the same bus would be judged along with ours."""
@@ -286,12 +286,13 @@ class Director:
                 self._at(now_ns + round(active["down_ms"] * MS), self._come_back)
 
     def _come_back(self) -> None:
-        if not self._life.come_back(self.happened.start_ns):  # a slow computer: as soon as it can
+        strikes = tuple(
+            (number, active.from_ns)
+            for number, active in enumerate(self.board.all)
+            if self.board.get(active.step.fault) is active and _within_the_bridge(active)
+        )
+        if not self._life.go(self.happened.start_ns, strikes):  # a slow computer: as soon as it can
             self._at(self._clock() + _SOON_NS, self._come_back)
-            return
-        for number, active in enumerate(self.board.all):
-            if self.board.get(active.step.fault) is active and _within_the_bridge(active):
-                self._life.order(("strike", number, active.from_ns))
 
     def _count_missing(self, number: int, from_ns: int, until_ns: int) -> None:
         self._follow()

@@ -47,14 +47,14 @@ class BridgeLife:
         return was_alive and not self.handle.alive
 
     def start_again(self) -> None:
-        """Another process, which waits for `come_back`. The old one's rows have been read."""
+        """Another process, which waits for `go`. The old one's rows have been read."""
         self.handle.rows.close()
         self.handle = self._start()
 
-    def come_back(self, start_ns: int) -> bool:
-        """Let the new process tick; False where it has not started yet."""
+    def go(self, start_ns: int, strikes: tuple[tuple[int, int], ...] = ()) -> bool:
+        """Let the process tick, with these faults of its own under way; False where it has not started yet."""
         if not self.handle.ready:
             return False
         self.dead = False
-        self.order(("go", start_ns))
+        self.order(("go", start_ns, strikes))
         return True

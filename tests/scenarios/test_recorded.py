@@ -4,13 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import cv2
-import numpy as np
 import pytest
 
 from hilbridge.errors import InputError
-from hilbridge.features.assembler import FeatureAssembler
-from hilbridge.features.layout import GAZE, HANDS, STEP_NS, D
+from hilbridge.features.layout import GAZE, HANDS, STEP_NS
 from hilbridge.intent.predictor import Predictor
 from hilbridge.learning.sessions import write_pack
 from hilbridge.observe.recording import read_recording
@@ -20,20 +17,7 @@ from scenarios.intent import bundle
 from scenarios.recorded import Filmed, PackAssembler, Video
 from scenarios.run import Run, run_scenario
 from scenarios.schema import Scenario, Session, dump_scenario, load_scenario, scenario_of
-
-STEPS = 6 * 25
-FPS = 24.0
-
-
-def wearers_features(steps: int = STEPS) -> tuple[np.ndarray, np.ndarray]:
-    """A session of the simulated wearer through the feature chain, as `hilbridge data pack` would keep it."""
-    wearer, assembler = Wearer(3, width_px=96, height_px=72), FeatureAssembler()
-    values, valid = np.zeros((steps, D), np.float32), np.zeros((steps, 3), bool)
-    for step in range(steps):
-        t_ns = step * STEP_NS
-        vector = assembler.update(wearer.frame(t_ns), wearer.gaze(t_ns), wearer.hands(t_ns), t_ns)
-        values[step], valid[step] = vector.values, vector.valid
-    return values, valid
+from tests.scenarios.sessions import film, wearers_features
 
 
 @pytest.fixture(scope="module")
@@ -41,13 +25,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A pack, a video with gaze, and the recording of a scripted run; six seconds each."""
     made = tmp_path_factory.mktemp("sessions")
     write_pack(made / "session.npz", *wearers_features())
-    wearer = Wearer(3, width_px=96, height_px=72)
-    video = cv2.VideoWriter(str(made / "session.avi"), cv2.VideoWriter.fourcc(*"MJPG"), FPS, (96, 72))
-    for number in range(round(6 * FPS)):
-        video.write(cv2.cvtColor(wearer.frame(round(number / FPS * 1e9)).rgb, cv2.COLOR_RGB2BGR))
-    video.release()
-    rows = [f"{k / 50},{wearer.gaze(k * 20_000_000).x:.5f},{wearer.gaze(k * 20_000_000).y:.5f}" for k in range(300)]
-    (made / "gaze.csv").write_text("\n".join(["time_s,x,y", *rows]))
+    film(made)
     run_scenario(scripted(), recording=made / "run.mcap")
     return made
 
@@ -114,8 +92,8 @@ def test_an_earlier_run_is_believed_again(folder: Path) -> None:
 
 
 def test_a_film_goes_through_the_projects_own_chain(folder: Path, tmp_path: Path) -> None:
-    film: dict[str, object] = {"video": str(folder / "session.avi"), "gaze": str(folder / "gaze.csv")}
-    run = play(film, tmp_path / "run.mcap", steps=[{"fault": "gaze.off", "at": "3 s", "for": "500 ms"}])
+    filmed: dict[str, object] = {"video": str(folder / "session.avi"), "gaze": str(folder / "gaze.csv")}
+    run = play(filmed, tmp_path / "run.mcap", steps=[{"fault": "gaze.off", "at": "3 s", "for": "500 ms"}])
     assert run.result.faults[0].worked
     ticks = [row.data for row in read_recording(tmp_path / "run.mcap", ("/tick",))]
     seen = [row["valid"] for row in ticks[10:70]]
@@ -164,7 +142,7 @@ def cut(path: Path, to: Path, share: float = 0.5) -> str:
 
 
 def test_missing_short_and_truncated_files_are_one_line(folder: Path, tmp_path: Path) -> None:
-    pack, run, film = (str(folder / name) for name in ("session.npz", "run.mcap", "session.avi"))
+    pack, run, video = (str(folder / name) for name in ("session.npz", "run.mcap", "session.avi"))
     gaze = str(folder / "gaze.csv")
     (tmp_path / "no.avi").write_text("no video")
     wrong: list[tuple[dict[str, object], str]] = [
@@ -176,8 +154,8 @@ def test_missing_short_and_truncated_files_are_one_line(folder: Path, tmp_path: 
         ({"recording": run, "from": "1 s"}, "run.mcap: lasts"),
         ({"video": str(tmp_path / "none.avi"), "gaze": gaze}, "none.avi: no such file"),
         ({"video": str(tmp_path / "no.avi"), "gaze": gaze}, "no.avi: not a whole video"),
-        ({"video": film, "gaze": str(tmp_path / "none.csv")}, "none.csv: no such file"),
-        ({"video": film, "gaze": gaze, "from": "3 s"}, "session.avi: lasts 6.00 s, the scenario needs 7.00 s"),
+        ({"video": video, "gaze": str(tmp_path / "none.csv")}, "none.csv: no such file"),
+        ({"video": video, "gaze": gaze, "from": "3 s"}, "session.avi: lasts 6.00 s, the scenario needs 7.00 s"),
     ]
     for intent, said in wrong:
         with pytest.raises(InputError) as refused:
@@ -191,9 +169,9 @@ def test_a_video_cut_off_within_is_one_line(folder: Path, tmp_path: Path) -> Non
     session = Session(video=short, gaze=str(folder / "gaze.csv"))
 
     def watch() -> None:
-        film = Filmed(session, 5_500_000_000)
+        filmed = Filmed(session, 5_500_000_000)
         for step in range(137):
-            film.frame(step * STEP_NS)
+            filmed.frame(step * STEP_NS)
 
     with pytest.raises(InputError, match=r"cut\.avi: .*(cannot be read; it is truncated|lasts)"):
         watch()

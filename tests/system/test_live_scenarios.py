@@ -18,7 +18,8 @@ from hilbridge.bus.spec import BusSpec, parse_spec
 from hilbridge.errors import InputError
 from hilbridge.observe.recording import read_recording
 from scenarios.live.run import run_live
-from scenarios.schema import Scenario, dump_scenario, scenario_of
+from scenarios.schema import Scenario, Session, dump_scenario, scenario_of
+from tests.scenarios.sessions import film
 
 pytestmark = pytest.mark.timeout(300)
 
@@ -87,6 +88,29 @@ def test_faults_live_take_effect_and_the_device_stays_safe(
     assert [judgement.name for judgement in run.result.judgements if not judgement.holds] == []
     topics = {row.topic for row in read_recording(tmp_path / "run.mcap")}
     assert {"/meta", "/tick", "/can", "/device", "/event", "/counters"} <= topics
+
+
+def test_a_bridge_that_is_started_again_finds_the_faults_that_are_still_under_way(tmp_path: Path) -> None:
+    gaze = {"fault": "gaze.off", "at": "1 s", "for": "2 s"}
+    restart = {"fault": "bridge.restart", "at": "1.5 s", "with": {"down_ms": 100}}
+    scenario = acting(gaze, restart, seconds=5.0)
+    run = run_live(scenario, bus("again"), recording=tmp_path / "run.mcap")
+    assert all(fault.worked for fault in run.result.faults)
+    rows = [(row.time_ns / 1e9, row.data) for row in read_recording(tmp_path / "run.mcap", ("/tick",))]
+    between = [row for at_s, row in rows if 1.5 < at_s < 2.9]
+    assert len(between) > 5  # another process ticks
+    assert {row["action"] for row in between} == {"HOLD"}
+    assert all(row["sensors"] for row in between)
+    assert any(row["action"] == "ACT" for at_s, row in rows if at_s > 3.0)
+
+
+def test_a_film_stands_before_live_sensors(tmp_path: Path) -> None:
+    scenario = acting().model_copy(update={"intent": Session.model_validate(film(tmp_path))})
+    run = run_live(scenario, bus("film"))
+    seen = [row["valid"] for row in run.ticks[10:]]
+    assert seen.count([True, False, True]) > 0.7 * len(seen)  # gaze and scene; no hands, none were looked for
+    assert any(row["top_confidence"] for row in run.ticks)
+    assert [judgement.name for judgement in run.result.judgements if judgement.safety and not judgement.holds] == []
 
 
 def test_a_bus_with_somebody_on_it_is_refused() -> None:
