@@ -75,6 +75,24 @@ def test_workers_that_die_again_and_again_end_the_campaign_in_one_line(
         run_campaign(base_scenario(), samples_of(base_scenario(), 1, 1, ("bus.cut",)), tmp_path, jobs=1)
 
 
+def test_what_dask_says_of_a_worker_that_died_too_often_is_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    tries: list[Sample] = []
+
+    def once(base: Scenario, sample: Sample) -> Outcome:
+        tries.append(sample)
+        if len(tries) == 1:
+            raise distributed.KilledWorker("sample", None, 3)
+        return run_sample(base, sample)
+
+    monkeypatch.setattr(campaign, "run_sample", once)
+    wanted = samples_of(base_scenario(), 1, 1, ("bus.cut",))
+    assert len(run_campaign(base_scenario(), wanted, tmp_path, jobs=1)) == len(wanted)
+    assert len(tries) == len(wanted) + 1
+
+
 @pytest.mark.parametrize(
     ("cluster", "said"),
     [("slurm", "write ray, ray://HOST:PORT, dask or dask://HOST:PORT"), ("dask://127.0.0.1:9", "cannot be reached")],
