@@ -13,7 +13,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from firmware_sim.attachment import Attachment
+from firmware_sim.attachment import Attachment, BusUnusable
 from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.spec import BusSpec
 from hilbridge.errors import InputError
@@ -74,6 +74,8 @@ class Director:
         try:
             self._open()
             self._play()
+        except BusUnusable as error:
+            raise InputError(str(error)) from None
         finally:
             self._close()
 
