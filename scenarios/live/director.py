@@ -26,7 +26,7 @@ from scenarios.live.happened import Happened
 from scenarios.live.intruder import LiveIntruder
 from scenarios.live.life import AWAY, BridgeLife
 from scenarios.live.processes import DeviceHandle, LiveProcess, await_ready
-from scenarios.live.wire import SimulatedWire
+from scenarios.live.wire import OF_THE_WIRE, SimulatedWire
 from scenarios.live.world import PUSHING, DeviceWorld
 from scenarios.schema import BusPart, Scenario
 from scenarios.stl import holds_now, signal_names
@@ -40,7 +40,6 @@ _LEAD_NS = 200 * MS  # between `go` and the scenario's time 0
 _GRACE_S = 60.0  # how much longer than the scenario a forgotten device lives
 _SETTLE_NS = 100 * MS
 _ASKS_FOR_QUIET_S = 0.15
-_OF_THE_WIRE = ("bus.cut", "bus.bus_off")
 _SOON_NS = 5 * MS
 _PUSH_NS = 10 * MS
 _WATCH_NS = 50 * MS
@@ -230,12 +229,11 @@ class Director:
         fault = active.step.fault
         if fault in AWAY:
             self._send_away(number, active, now_ns)
+        elif self._wire is not None and self._wire.can(active):
+            self._wire.begin(active)
         elif fault in intruder.FAULTS:
             assert self._intruder is not None
             self._intruder.begin(active, time.monotonic_ns())
-        elif fault in _OF_THE_WIRE:
-            assert self._wire is not None
-            self._wire.begin(active)
         elif fault.startswith("device."):
             self._world.change(active)
         elif _within_the_bridge(active):
@@ -249,12 +247,11 @@ class Director:
             if fault == "bridge.hang":
                 self._life.go_on()
             self._count_missing(number, self._still_from.pop(number), now_ns)
+        elif self._wire is not None and self._wire.can(active):
+            self._wire.end(active)
         elif fault in intruder.FAULTS:
             assert self._intruder is not None
             self._intruder.end(active)
-        elif fault in _OF_THE_WIRE:
-            assert self._wire is not None
-            self._wire.end(active)
         elif fault.startswith("device."):
             self._world.change(active)
         elif _within_the_bridge(active):
@@ -319,5 +316,5 @@ def own_bus(scenario: Scenario, spec: BusSpec) -> BusSpec:
 def _within_the_bridge(active: Active) -> bool:
     """Whether the bridge's own process carries the fault out: sensors, the wearer before them, taps of its port."""
     fault = active.step.fault
-    elsewhere = fault in (*AWAY, *intruder.FAULTS, *_OF_THE_WIRE, "wearer.opposing")
+    elsewhere = fault in (*AWAY, *intruder.FAULTS, *OF_THE_WIRE, "wearer.opposing")
     return not elsewhere and not fault.startswith("device.")

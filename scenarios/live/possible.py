@@ -10,8 +10,8 @@ from hilbridge.bus.spec import BusSpec, parse_spec
 from hilbridge.errors import InputError
 from scenarios.schema import BusPart, DevicePart, Scenario, Session
 
-# A wire that can be broken: the simulated bus's own. A kernel's vcan has none.
-_OF_THE_WIRE = ("bus.cut", "bus.bus_off")
+# A wire that can be broken or full: the simulated bus's own. A kernel's vcan has none.
+_OF_THE_WIRE = ("bus.cut", "bus.bus_off", "bus.babble")
 
 
 class Impossible(NamedTuple):
@@ -27,7 +27,9 @@ def impossible_live(scenario: Scenario, spec: BusSpec) -> Impossible | None:
     for number, step in enumerate(scenario.steps):
         where = ("steps", number, "fault")
         if step.fault in _OF_THE_WIRE and not simulated:
-            return Impossible(where, f"`{step.fault}` needs a wire that can be broken, {spec} has none; {_HILSIM}")
+            return Impossible(
+                where, f"`{step.fault}` needs a wire that can be broken or full, {spec} has none; {_HILSIM}"
+            )
     if scenario.bus.bitrate != BusPart().bitrate and not simulated:
         return Impossible(("bus", "bitrate"), f"{spec} has no bit rate that could be set; {_HILSIM}")
     if scenario.bus.bit_error_rate and not simulated:

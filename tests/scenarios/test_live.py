@@ -50,6 +50,7 @@ def scenario(**more: Any) -> Scenario:
     [
         ({"steps": [{"fault": "bus.cut", "at": "1 ms"}]}, ("steps", 0, "fault"), "needs a wire", False),
         ({"steps": [{"fault": "bus.bus_off", "at": "1 ms"}]}, ("steps", 0, "fault"), "needs a wire", False),
+        ({"steps": [{"fault": "bus.babble", "at": "1 ms"}]}, ("steps", 0, "fault"), "needs a wire", False),
         ({"bus": {"bitrate": 125000}}, ("bus", "bitrate"), "no bit rate", False),
         ({"bus": {"bit_error_rate": 1e-5}}, ("bus", "bit_error_rate"), "no bits", False),
         ({"device": {"clock_ppm": 100}}, ("device", "clock_ppm"), "this computer's clock", True),
@@ -83,7 +84,9 @@ def test_a_file_that_cannot_run_live_is_one_line_with_file_and_line(
     path = CATALOG / "bus-cut.yaml"
     line = 1 + next(n for n, text in enumerate(path.read_text().splitlines()) if "fault: bus.cut" in text)
     error = refused(monkeypatch, capsys, str(path), "--live", "--bus", "vcan0")
-    assert error.startswith(f"hilscenario: {path}:{line}: `bus.cut` needs a wire that can be broken, vcan0 has none")
+    assert error.startswith(
+        f"hilscenario: {path}:{line}: `bus.cut` needs a wire that can be broken or full, vcan0 has none"
+    )
 
 
 @pytest.mark.parametrize(
@@ -106,14 +109,14 @@ def test_a_bus_that_will_not_do_is_one_line(
 def test_in_a_folder_what_cannot_run_is_skipped_and_told_everywhere(tmp_path: Path) -> None:
     able, skipped = sort_out(collect([CATALOG]), [], VCAN)
     files = {Path(one.file.rpartition(":")[0]).name for one in skipped}
-    assert {"bus-125k.yaml", "bus-bit-errors.yaml", "bus-cut.yaml", "bus-off.yaml"} <= files
+    assert {"bus-125k.yaml", "bus-babble.yaml", "bus-bit-errors.yaml", "bus-cut.yaml", "bus-off.yaml"} <= files
     assert len(able) + len(skipped) == len(collect([CATALOG]))
     assert len(able) >= 40
     write_junit([], tmp_path / "junit.xml", skipped)
     text = (tmp_path / "junit.xml").read_text()
     assert f'skipped="{len(skipped)}"' in text
     assert text.count("<skipped ") == len(skipped)
-    assert "needs a wire that can be broken" in text
+    assert "needs a wire that can be broken or full" in text
 
 
 def test_a_folder_of_which_nothing_can_run_is_refused(
@@ -142,7 +145,7 @@ def test_skipped_ones_are_in_the_table_and_in_the_json(
         assert ended.value.code == 0
     table, _, found = capsys.readouterr().out.rpartition("\n{")
     assert "1 of 1 passed, 1 skipped" in table
-    assert "needs a wire that can be broken" in table
+    assert "needs a wire that can be broken or full" in table
     assert [one["name"] for one in json.loads("{" + found)["skipped"]] == ["cut"]
 
 
