@@ -12,6 +12,7 @@ from hilbridge.intent.predictor import Predictor
 from hilbridge.learning.sessions import write_pack
 from hilbridge.observe.recording import read_recording
 from hilbridge.records import FeatureVector
+from hilbridge.sensors.models import hand_model_path, hand_model_problem
 from hilbridge.wearer.person import Wearer
 from scenarios.intent import bundle
 from scenarios.recorded import Filmed, PackAssembler, Video
@@ -101,6 +102,22 @@ def test_a_film_goes_through_the_projects_own_chain(folder: Path, tmp_path: Path
     assert any(row["top_confidence"] is not None for row in ticks)
     assert not any(row["sensors"] for row in ticks[10:70])
     assert any(row["sensors"] for row in ticks[75:])  # off from the third second on: the bridge says so
+
+
+@pytest.mark.data
+def test_a_real_film_with_hands_repeats_to_the_byte(data: Path, tmp_path: Path) -> None:
+    problem = hand_model_problem(hand_model_path())
+    if problem is not None:
+        pytest.skip(f"hand model: {problem}")
+    film_of: dict[str, object] = {
+        "video": str(data / "hands" / "clip_720p.mp4"),
+        "gaze": str(data / "neon" / "demo_recording"),
+        "hands": True,
+    }
+    for number in range(2):
+        run = play(film_of, tmp_path / f"{number}.mcap", duration="1 s")
+    assert [row["valid"] for row in run.ticks].count([True, True, True]) >= 15
+    assert (tmp_path / "0.mcap").read_bytes() == (tmp_path / "1.mcap").read_bytes()
 
 
 @pytest.mark.parametrize("kind", ["pack", "film", "run"])
