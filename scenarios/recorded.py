@@ -119,6 +119,12 @@ class Filmed(_Recorded):
             self._detector = HandDetector(hand_model_path())
         return self._detector.detect(self.frame(t_ns))
 
+    def close(self) -> None:
+        """Free the detector's graph: it must not be left to the garbage collector."""
+        if self._detector is not None:
+            self._detector.close()
+            self._detector = None
+
 
 class Video:
     """A video file by time; read forwards, opened again for what lies behind."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -59,7 +60,8 @@ def run_scenario(
     cpu_s = time.process_time()
     if recording is None:
         world = prepared(Lockstep(scenario))
-        world.run()
+        with closing(world.body):
+            world.run()
     else:
         with Recording(recording) as out:
             out.write("/meta", 0, {"scenario": scenario.name, "seed": scenario.seed})
@@ -68,7 +70,8 @@ def run_scenario(
                 out.write(topic, time_ns, row)
 
             world = prepared(Lockstep(scenario, record))
-            world.run()
+            with closing(world.body):
+                world.run()
             out.write("/counters", scenario.duration, world.counters())
     cpu_s = time.process_time() - cpu_s
     run = judge_world(world, cpu_s, where)

@@ -54,6 +54,11 @@ class Body:
         )
         self._noise = np.random.default_rng(scenario.seed).integers(0, 2, WIDTH_PX * HEIGHT_PX * 3 + 251, np.uint8)
 
+    def close(self) -> None:
+        """What a recorded wearer holds open."""
+        if isinstance(self.calm, Filmed):
+            self.calm.close()
+
     def _wearer(self) -> Person:
         tremor = self._board.get("wearer.tremor")
         if tremor is None:

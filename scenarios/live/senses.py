@@ -58,6 +58,10 @@ class EdgeHands:
         found = detected(self._edge, self._body, frame.captured_ns - self._epoch_ns)
         return None if found is None else replace(found, captured_ns=found.captured_ns + self._epoch_ns)
 
+    def close(self) -> None:
+        """Called by the vision worker, in its own thread, when it ends."""
+        self._body.close()
+
 
 def edge_senses(scenario: Scenario, board: FaultBoard, epoch_ns: int) -> Senses:
     """Camera, gaze and hands of the scenario's wearer, whose life begins at `epoch_ns` of the monotonic clock."""
