@@ -14,15 +14,16 @@ import sys
 import threading
 import time
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import IO
+from typing import IO, Any
 
 from firmware_sim.attachment import Arrival, Attachment, BusUnusable, parse_spec
 from firmware_sim.device import LOG_CYCLE_MS, Device
-from firmware_sim.frames import Reject
+from firmware_sim.frames import STOP, Reject
 from firmware_sim.keys import KeyUnusable, load_key
-from firmware_sim.memory import COUNT_STALL_TICKS, COUNT_TRIPS, ControllerState
+from firmware_sim.memory import COUNT_LOST, COUNT_STALL_TICKS, COUNT_TRIPS, ControllerState
 from firmware_sim.plant.arm import WEARERS
 from firmware_sim.priority import use_realtime_scheduling
 
@@ -38,8 +39,8 @@ _COMMANDS = (
 class Node:
     """The loop: read, run the ticks that are due, send, log, sleep to the next tick."""
 
-    def __init__(self, device: Device, bus: Attachment, log: IO[str] | None) -> None:
-        """`log` is an open text file for JSON lines, or None."""
+    def __init__(self, device: Device, bus: Attachment, log: IO[str] | None, log_cycle_ms: int = LOG_CYCLE_MS) -> None:
+        """`log` is an open text file for JSON lines, or None; `log_cycle_ms` how often it has a line at least."""
         self.device = device
         self.bus = bus
         self.log = log
@@ -48,7 +49,9 @@ class Node:
         self.most_behind = 0
         self.forced_bus_off = False
         self._waiting: deque[Arrival] = deque()
+        self._log_cycle_ms = log_cycle_ms
         self._logged: tuple[object, ...] = ()
+        self._stop_ms: int | None = None
         self._random = b""
 
     def run(self, seconds: float | None) -> None:
@@ -81,12 +84,14 @@ class Node:
             self.device.bus_off = self.forced_bus_off or self.bus.bus_off
             outgoing = self.device.tick(tuple(frames), self._nonce(), stalled, self.bus.dropped)
             stalled = 0
+            if self._stop_ms is None and any(frame.can_id == STOP for frame in frames):
+                self._stop_ms = self.device.state.last_tick_ms
             if due - self.device.ticks > _STALE_TICKS:
                 self.bus.dropped += len(outgoing)
             else:
                 for can_id, data in outgoing:
                     self.bus.send(can_id, data, ends_ns)
-            self._log_tick()
+            self._log_tick(ends_ns)
 
     def _nonce(self) -> int:
         """32 unpredictable bits; asked of the system in blocks, since every tick takes some and few use them."""
@@ -95,14 +100,17 @@ class Node:
         word, self._random = self._random[:4], self._random[4:]
         return int.from_bytes(word, "big")
 
-    def _log_tick(self) -> None:
+    def _log_tick(self, ends_ns: int) -> None:
+        """A line for every change, every command taken as ACT or HOLD among them, and one every cycle."""
         if self.log is None:
             return
         state = self.device.state
-        mark = (state.state, state.reason, state.armed, state.torque.assist_unm == 0)
-        if mark != self._logged or self.device.ticks % LOG_CYCLE_MS == 0:
+        command = (state.command_live, state.command_is_hold, state.command_ms)
+        mark = (state.state, state.reason, state.armed, state.torque.assist_unm == 0, command, self._stop_ms)
+        if mark != self._logged or self.device.ticks % self._log_cycle_ms == 0:
             self._logged = mark
-            self._write(self.device.record())
+            seen = {"ends_ns": ends_ns, "accepted_live": state.command_live, "stop_ms": self._stop_ms}
+            self._write({**self.device.record(), **seen})
 
     def _write(self, record: dict[str, object]) -> None:
         if self.log is not None:
@@ -114,6 +122,7 @@ class Node:
             words = self.commands.popleft().split()
             try:
                 self._obey_one(words)
+                self._write({"command": " ".join(words), "ends_ns": time.monotonic_ns()})
             except (IndexError, ValueError):
                 print(f"firmware-sim: {' '.join(words)!r} not understood; {_COMMANDS}", file=sys.stderr)  # noqa: T201
 
@@ -124,13 +133,13 @@ class Node:
             case "overrun":
                 self.device.skip(int(words[1]) if len(words) > 1 else 10)
             case "stuck":
-                self.device.break_motor(stuck=True)
+                self._break_motor_further(stuck=True)
             case "gain":
-                self.device.break_motor(gain=float(words[1]))
+                self._break_motor_further(gain=float(words[1]))
             case "lag":
-                self.device.break_motor(lag_s=float(words[1]) / 1000)
+                self._break_motor_further(lag_s=float(words[1]) / 1000)
             case "bias":
-                self.device.break_motor(bias_nm=float(words[1]))
+                self._break_motor_further(bias_nm=float(words[1]))
             case "mend":
                 self.device.break_motor()
             case "encoder":
@@ -146,6 +155,10 @@ class Node:
             case _:
                 raise ValueError(words[0])
 
+    def _break_motor_further(self, **fault: Any) -> None:
+        """One more fault of the actuator; those it has already stay until `mend`."""
+        self.device.actuator = replace(self.device.actuator, **fault)
+
     def summary(self) -> dict[str, object]:
         """What happened, for the last line."""
         state = self.device.state
@@ -160,6 +173,7 @@ class Node:
             "link_errors": self.bus.link_errors,
             "rejected": rejected,
             "trips": state.counters[COUNT_TRIPS],
+            "lost_frames": state.counters[COUNT_LOST],
             "stall_ticks": state.counters[COUNT_STALL_TICKS],
             "most_behind_ms": self.most_behind,
             "peak_assist_nm": round(self.device.peak_assist_unm * 1e-6, 3),
@@ -181,7 +195,8 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--bus", default="auto", help="auto, vcan0, can0, hilsim:NAME or interface:channel")
     parser.add_argument("--key-file", type=Path, help="shared key, 32 hex digits, mode 0600 (default: the demo key)")
     parser.add_argument("--seconds", type=float, help="stop after so many seconds of the device's time")
-    parser.add_argument("--json-log", type=Path, help="JSON lines: every change and every 20 ms")
+    parser.add_argument("--json-log", type=Path, help="JSON lines: every change, and one every --log-ms")
+    parser.add_argument("--log-ms", type=int, default=LOG_CYCLE_MS, choices=range(1, 1001), metavar="MS")
     parser.add_argument("--wearer-torque", choices=WEARERS, default="reach", help="what the wearer's arm does")
     return parser
 
@@ -201,7 +216,7 @@ def main(arguments: list[str] | None = None) -> int:
     try:
         if options.json_log is not None:
             log = options.json_log.open("w", encoding="utf-8", buffering=1)
-        node = Node(Device(ControllerState(key, secrets.randbits(32)), options.wearer_torque), bus, log)
+        node = Node(Device(ControllerState(key, secrets.randbits(32)), options.wearer_torque), bus, log, options.log_ms)
         _on_signals(node)
         print(f"firmware-sim ready on {spec.interface}:{spec.channel}", flush=True)  # noqa: T201
         threading.Thread(target=_listen, args=(node,), daemon=True).start()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import random
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 from hilbridge.bus.link import Arrival
@@ -10,20 +11,22 @@ from hilbridge.config import SensorsConfig
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.core.gate import GateConfig
 from hilbridge.errors import InputError
-from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.intent.tremor import TremorGuard
-from hilbridge.records import CameraFrame, FeatureVector, Frame, GazeSample, HandTracks
+from hilbridge.records import CameraFrame, FeatureVector, Frame, GazeSample
 from hilbridge.runtime.health import SensorSeen
 from hilbridge.runtime.node import BridgeNode, Tick
 from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Codec
 from hilbridge.wire.link import WireLink
 from hilbridge.wire.secoc import DEMO_KEY, Authenticator
+from scenarios.bridge_signals import absent_bridge, bridge_signals
 from scenarios.faults import Active
 from scenarios.intent import bundle, make_predictor
+from scenarios.recorded import make_assembler
 from scenarios.schema import GatePart
-from scenarios.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, edges
+from scenarios.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, detected, edges
 from scenarios.tap import Tap
+from scenarios.tracks import Value
 
 if TYPE_CHECKING:
     from scenarios.engine import Lockstep
@@ -88,7 +91,7 @@ class BridgeSide:
             TremorGuard(),
             lambda now_ns, text: self.world.record("/event", now_ns, {"text": text}),
         )
-        self._assembler = FeatureAssembler()
+        self._assembler = make_assembler(scenario)
         self._frame: CameraFrame | None = None
         self._sample: GazeSample | None = None
         self._vector: FeatureVector | None = None
@@ -133,13 +136,7 @@ class BridgeSide:
         if probe != self._probe:
             self._probe, self._changed_ns = probe, frame.captured_ns
         self._camera_ns = frame.captured_ns
-        found = self._hands.deliver(max(0, frame.captured_ns))
-        hands: HandTracks | None = None
-        if found is not None:
-            late_ns, hands = found[0] - frame.captured_ns, found[1]
-            if late_ns > 0:  # a detector that lags: it tells of an earlier picture
-                earlier = self.world.body.hands(max(0, frame.captured_ns - late_ns))
-                hands = HandTracks(frame.captured_ns - late_ns, earlier.hands)
+        hands = detected(self._hands, self.world.body, frame.captured_ns)
         sample, self._sample = self._sample, None
         self._vector = self._assembler.update(frame, sample, hands, frame.captured_ns)
 
@@ -242,16 +239,7 @@ class BridgeSide:
         row["right"] = None if verb is None else truth.is_right(verb)
         self.ticks.append(row)
         self.world.record("/tick", now_ns, row)
-        put, time_ms = self.world.tracks.put, now_ns / MS
-        put(time_ms, "gate.act", row["action"] == "ACT")
-        put(time_ms, "gate.verb", str(row["verb"]))
-        put(time_ms, "gate.reason", row["reason"])
-        put(time_ms, "gate.confidence", row["confidence"])
-        put(time_ms, "gate.right", row["right"] is True)
-        put(time_ms, "bridge.armed", row["armed"])
-        age_ms = row["sensing_age_ms"]
-        put(time_ms, "bridge.sensing_age_ms", 1e6 if age_ms is None else age_ms)
-        put(time_ms, "wearer.intended", str(row["truth"]))
+        self._put(bridge_signals(row))
 
     # Faults of the process
 
@@ -260,13 +248,15 @@ class BridgeSide:
         fault = active.step.fault
         if fault == "bridge.hang":
             self._hung = True
+            self._put(absent_bridge("hung" if self.alive else "dead"))
         elif fault == "bridge.stall":
             self._stalled = True
+            self._put(absent_bridge("stalled" if self.alive else "dead"))
         else:
             active.took_effect(1 if self.alive else 0)
             self.alive = self._hung = self._stalled = False
             self._generation += 1
-            self._say_dead()
+            self._put(absent_bridge("dead"))
             if fault == "bridge.restart":
                 self.world.at(self.world.clock.time_ns + round(active["down_ms"] * MS), self._come_back)
 
@@ -290,10 +280,10 @@ class BridgeSide:
             self._generation += 1
             self._boot()
 
-    def _say_dead(self) -> None:
+    def _put(self, signals: Mapping[str, Value]) -> None:
         time_ms = self.world.clock.time_ns / MS
-        self.world.tracks.put(time_ms, "gate.act", False)
-        self.world.tracks.put(time_ms, "gate.reason", "dead")
+        for name, value in signals.items():
+            self.world.tracks.put(time_ms, name, value)
 
 
 def _frame(arrival: Arrival) -> Frame:

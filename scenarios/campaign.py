@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import random
+import sys
 import zlib
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -38,6 +39,7 @@ _WATCHED_MS = 500.0
 _INSTANT_MS = 300.0  # what follows from a fault without a length: a restart, three STOPs
 _CHUNK = 64
 _RETRIES = 3
+_CONNECT_S = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -155,25 +157,57 @@ def _workers(jobs: int, cluster: str | None) -> Iterator[joblib.Parallel]:
         return
     kind, _, _ = cluster.partition(":")
     try:
-        if kind == "ray":
-            import ray
-            from ray.util.joblib import register_ray
+        clusters = {"ray": _on_ray, "dask": _on_dask}[kind]
+    except KeyError:
+        raise InputError(f"cluster {cluster!r}: write ray, ray://HOST:PORT, dask or dask://HOST:PORT") from None
+    with clusters(cluster, jobs), joblib.parallel_config(backend=kind):
+        yield joblib.Parallel(n_jobs=jobs)
 
-            ray.init(address=None if cluster == "ray" else cluster, log_to_driver=False, include_dashboard=False)
-            register_ray()
-            with joblib.parallel_config(backend="ray"):
-                yield joblib.Parallel(n_jobs=jobs)
-            ray.shutdown()
-        elif kind == "dask":
-            from dask.distributed import Client
 
-            address = cluster.replace("dask://", "tcp://") if "://" in cluster else None
-            with Client(address), joblib.parallel_config(backend="dask"):
-                yield joblib.Parallel(n_jobs=jobs)
-        else:
-            raise InputError(f"cluster {cluster!r}: write ray, ray://HOST:PORT, dask or dask://HOST:PORT")
+@contextmanager
+def _on_ray(cluster: str, jobs: int) -> Iterator[None]:
+    try:
+        import ray
+        from ray.util.joblib import register_ray
     except ImportError:
-        raise InputError(f"cluster {cluster!r} needs the package {kind}; pip install 'hilbridge[{kind}]'") from None
+        raise InputError(f"cluster {cluster!r} needs the package ray; pip install 'hilbridge[ray]'") from None
+    address = None if cluster == "ray" else cluster
+    try:
+        ray.init(address=address, log_to_driver=False, include_dashboard=False)
+    except (ConnectionError, ValueError) as error:
+        raise _unreachable(cluster, error) from None
+    register_ray()
+    try:
+        yield
+    finally:
+        ray.shutdown()
+
+
+@contextmanager
+def _on_dask(cluster: str, jobs: int) -> Iterator[None]:
+    """A scheduler elsewhere, or one of this call's own. One sample at a time in a worker: they are all computation."""
+    try:
+        from dask.distributed import Client, LocalCluster
+    except ImportError:
+        raise InputError(f"cluster {cluster!r} needs the package distributed; pip install 'hilbridge[dask]'") from None
+    _, _, place = cluster.partition("://")
+    if place:
+        try:
+            client = Client(f"tcp://{place}", timeout=_CONNECT_S)
+        except (OSError, ValueError) as error:
+            raise _unreachable(cluster, error) from None
+        with client:
+            yield
+        return
+    workers = jobs if jobs > 0 else joblib.cpu_count()
+    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as own, Client(own):
+        yield
+
+
+def _unreachable(cluster: str, error: Exception) -> InputError:
+    return InputError(
+        f"cluster {cluster!r}: cannot be reached ({str(error).splitlines()[0]}); is its scheduler running?"
+    )
 
 
 def run_campaign(
@@ -219,10 +253,16 @@ def _run_chunk(workers: joblib.Parallel, base: Scenario, chunk: Sequence[Sample]
         try:
             outcomes: list[Outcome] = workers(joblib.delayed(run_sample)(base, sample) for sample in chunk)
             return outcomes
-        except (OSError, RuntimeError) as error:  # loky, Ray and Dask tell of a dead worker by subclasses of these
+        except _lost_worker() as error:
             if attempt == _RETRIES:
                 raise InputError(f"campaign: workers die again and again ({type(error).__name__}: {error})") from None
     raise AssertionError("unreachable")
+
+
+def _lost_worker() -> tuple[type[Exception], ...]:
+    """What a dead worker looks like: subclasses of OSError and RuntimeError, and Dask's own."""
+    dask = sys.modules.get("distributed")  # only a campaign on Dask has it
+    return (OSError, RuntimeError) if dask is None else (OSError, RuntimeError, dask.KilledWorker)
 
 
 def _fingerprint(base: Scenario) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
 
@@ -17,7 +18,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 app = typer.Typer(
     name="hilscenario",
-    help="Script a wearer and faults, run the whole system in virtual time, judge what happened.",
+    help="Script a wearer and faults, run the whole system in virtual time or live, judge what happened.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
@@ -71,22 +72,33 @@ def run(
     seed: Seed = None,
     jobs: Annotated[int, typer.Option(min=1, help="processes at once")] = os.cpu_count() or 1,
     profile: Annotated[bool, typer.Option("--profile", help="where the time goes, part by part")] = False,
+    live: Annotated[bool, typer.Option("--live", help="real processes and the real clock, on --bus")] = False,
+    bus: Annotated[str | None, typer.Option(help="with --live: vcan0, hilsim:NAME, any virtual bus")] = None,
     as_json: Json = False,
 ) -> None:
     """Run scenarios and judge them; exit 1 when one fails, 2 for input that cannot be used."""
     from scenarios.collect import collect
-    from scenarios.runner import RunOptions, run_all
+    from scenarios.live.possible import live_bus
+    from scenarios.runner import RunOptions, run_all, sort_out
     from scenarios.terminal import print_results, progress_bar
 
-    found = collect(paths)
-    options = RunOptions(out, seed, 1 if profile else jobs, profile)
+    spec = live_bus(bus, live=live, profile=profile)
+    named = [path for path in paths if not path.is_dir()]
+    found, skipped = sort_out(collect(paths), named, spec)
+    if not found:
+        raise InputError(
+            f"none of {len(skipped)} scenarios can run live on {spec}: {skipped[0].file}: {skipped[0].why}"
+        )
+    options = RunOptions(out, seed, 1 if profile else jobs, profile, spec)
     with progress_bar(len(found), quiet=as_json) as done:
-        results = run_all(found, options, done)
+        results = run_all(found, options, done, skipped)
+    passed = all(result.passed for result in results)
     if as_json:
-        typer.echo(json.dumps({"passed": all(r.passed for r in results), "results": [r.as_json() for r in results]}))
+        not_run = [asdict(one) for one in skipped]
+        typer.echo(json.dumps({"passed": passed, "results": [r.as_json() for r in results], "skipped": not_run}))
     else:
-        print_results(results, out)
-    if not all(result.passed for result in results):
+        print_results(results, out, skipped)
+    if not passed:
         raise typer.Exit(1)
 
 
@@ -101,7 +113,7 @@ def campaign(
     ),
     jobs: Annotated[int, typer.Option(help="processes at once; -1: all cores")] = -1,
     cluster: Annotated[
-        str | None, typer.Option(help="ray, ray://HOST:PORT, or dask://HOST:PORT in place of local processes")
+        str | None, typer.Option(help="ray, ray://HOST:PORT, dask or dask://HOST:PORT in place of local processes")
     ] = None,
     as_json: Json = False,
 ) -> None:

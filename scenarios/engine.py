@@ -160,10 +160,8 @@ class Lockstep:
 
     def _note_faults(self) -> None:
         time_ms = self.clock.time_ns / MS
-        under_way = self.board.names()
-        for name in {step.fault for step in self.scenario.steps}:
-            self.tracks.put(time_ms, f"fault.{name}", name in under_way)
-        self.tracks.put(time_ms, "fault.any", bool(under_way))
+        for name, value in self.board.signals().items():
+            self.tracks.put(time_ms, name, value)
 
     def _begin(self, active: Active) -> None:
         fault = active.step.fault

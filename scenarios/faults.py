@@ -34,7 +34,8 @@ class FaultBoard:
     steps: tuple[Step, ...]
     all: list[Active] = field(init=False)
     quiet: bool = field(init=False, default=True)  # nothing is under way: the usual case, asked for first
-    _under_way: dict[str, list[Active]] = field(init=False, default_factory=dict)
+    # Tuples, replaced and never changed: live, sensor threads ask while another one strikes.
+    _under_way: dict[str, tuple[Active, ...]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self.all = [Active(step) for step in self.steps]
@@ -50,24 +51,27 @@ class FaultBoard:
         active.strikes += 1
         active.from_ns = now_ns
         active.until_ns = FOREVER_NS if active.step.for_ is None else now_ns + active.step.for_
-        self._under_way.setdefault(active.step.fault, []).append(active)
+        self._under_way[active.step.fault] = (*self._under_way.get(active.step.fault, ()), active)
         self.quiet = False
         return active
 
     def end(self, number: int) -> Active:
         """End step `number`."""
         active = self.all[number]
-        under_way = self._under_way.get(active.step.fault, [])
+        under_way = list(self._under_way.get(active.step.fault, ()))
         if active in under_way:
             under_way.remove(active)
-        if not under_way:
+        if under_way:
+            self._under_way[active.step.fault] = tuple(under_way)
+        else:
             self._under_way.pop(active.step.fault, None)
         self.quiet = not self._under_way
         return active
 
-    def names(self) -> list[str]:
-        """Faults under way, in the order of their names."""
-        return sorted(self._under_way)
+    def signals(self) -> dict[str, bool]:
+        """`fault.NAME` of every step, and `fault.any`."""
+        named = {f"fault.{step.fault}": step.fault in self._under_way for step in self.steps}
+        return {**named, "fault.any": bool(self._under_way)}
 
     def effects(self) -> list[tuple[str, int, int]]:
         """(fault, strikes, effects) of every step, in the order of the file."""

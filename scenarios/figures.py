@@ -17,18 +17,19 @@ def gate_figures(ticks: Sequence[Mapping[str, Any]], seconds: float) -> dict[str
     """From the bridge's 25 Hz rows.
 
     acts, holds: switches to ACT, and to HOLD (the hold it starts in counts). coverage: share of ticks in ACT;
-    act_only_precision: share of these whose verb is the wearer's, NaN without any. false_assists_per_min: ACT episodes
-    that begin with a wrong verb, a minute.
+    act_only_precision: share of these whose verb is the wearer's, NaN without any of which that is known.
+    false_assists_per_min: ACT episodes that begin with a wrong verb, a minute.
     """
     actions = [row["action"] for row in ticks]
     begins = [index for index, action in enumerate(actions) if index == 0 or actions[index - 1] != action]
     acting = [row for row in ticks if row["action"] == "ACT"]
+    known = [row for row in acting if row["right"] is not None]
     wrong = sum(actions[index] == "ACT" and ticks[index]["right"] is False for index in begins)
     return {
         "acts": float(sum(actions[index] == "ACT" for index in begins)),
         "holds": float(sum(actions[index] == "HOLD" for index in begins)),
         "coverage": len(acting) / len(ticks) if ticks else 0.0,
-        "act_only_precision": sum(row["right"] is True for row in acting) / len(acting) if acting else float("nan"),
+        "act_only_precision": sum(row["right"] is True for row in known) / len(known) if known else float("nan"),
         "false_assists_per_min": wrong / (seconds / 60.0),
     }
 

@@ -1,4 +1,4 @@
-"""Where estimates come from: the real predictor, or a script that believes what the scenario tells it to."""
+"""Where estimates come from: the real predictor, an earlier run, or a script that believes what it is told to."""
 
 from __future__ import annotations
 
@@ -9,7 +9,8 @@ from hilbridge.intent.predictor import Predictor
 from hilbridge.records import FeatureVector, IntentEstimate
 from hilbridge.runtime.node import Predicts
 from hilbridge.verbs import VERBS
-from scenarios.schema import Estimate, Scenario
+from scenarios.recorded import Replayed
+from scenarios.schema import Estimate, Scenario, Session
 
 NOTHING = 1.0 / len(VERBS)
 
@@ -43,7 +44,8 @@ class Scripted:
 
 def make_predictor(scenario: Scenario, start_ns: int = 0) -> Predicts:
     """The scenario's source of intent; `start_ns` is its beginning on the caller's clock."""
-    if scenario.intent == "predictor":
-        return Predictor(bundle())
-    assert isinstance(scenario.intent, tuple)
-    return Scripted(scenario.intent, start_ns)
+    if isinstance(scenario.intent, tuple):
+        return Scripted(scenario.intent, start_ns)
+    if isinstance(scenario.intent, Session) and scenario.intent.recording is not None:
+        return Replayed(scenario.intent, scenario.duration, bundle().bundle_id, start_ns)
+    return Predictor(bundle())

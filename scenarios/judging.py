@@ -51,6 +51,7 @@ class Result:
     cpu_s: float
     replay: str = ""
     page: str = ""
+    live: bool = False  # with real processes, in real time; `cpu_s` is then the time it took
     profile: dict[str, float] = field(default_factory=dict)
 
     @property
@@ -79,6 +80,15 @@ class Result:
         row["passed"], row["robustness"] = self.passed, self.robustness
         clean: dict[str, Any] = _finite(row)
         return clean
+
+
+@dataclass(frozen=True, slots=True)
+class Skipped:
+    """A scenario that was not run, and why: shown and counted wherever results are."""
+
+    name: str
+    file: str
+    why: str
 
 
 def _finite(value: Any) -> Any:

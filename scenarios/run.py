@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping
+from contextlib import closing
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from firmware_sim.memory import COUNT_LOST, COUNT_TRIPS
 from hilbridge.observe.recording import Recording
+from scenarios.bridge_signals import BRIDGE_AT_REST
 from scenarios.engine import Lockstep
 from scenarios.figures import assist_rise_nm_s, gate_figures, zero_after_fault_ms
 from scenarios.judging import FaultCount, Result, judged
@@ -20,16 +22,6 @@ from scenarios.schema import Scenario
 from scenarios.signals import Trace
 
 MS = 1_000_000
-BRIDGE_AT_REST: dict[str, float | str | bool] = {
-    "gate.act": False,
-    "gate.verb": "None",
-    "gate.reason": "none",
-    "gate.confidence": 0.0,
-    "gate.right": False,
-    "bridge.armed": False,
-    "bridge.sensing_age_ms": 1e6,
-    "wearer.intended": "None",
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +60,8 @@ def run_scenario(
     cpu_s = time.process_time()
     if recording is None:
         world = prepared(Lockstep(scenario))
-        world.run()
+        with closing(world.body):
+            world.run()
     else:
         with Recording(recording) as out:
             out.write("/meta", 0, {"scenario": scenario.name, "seed": scenario.seed})
@@ -77,7 +70,8 @@ def run_scenario(
                 out.write(topic, time_ns, row)
 
             world = prepared(Lockstep(scenario, record))
-            world.run()
+            with closing(world.body):
+                world.run()
             out.write("/counters", scenario.duration, world.counters())
     cpu_s = time.process_time() - cpu_s
     run = judge_world(world, cpu_s, where)

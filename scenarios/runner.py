@@ -5,17 +5,20 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
 import joblib
 
+from hilbridge.bus.spec import BusSpec
 from hilbridge.errors import InputError
-from scenarios.judging import Result
+from scenarios.judging import Result, Skipped
 from scenarios.junit import write_junit
+from scenarios.live.possible import impossible_live
+from scenarios.live.run import run_live
 from scenarios.run import run_scenario
-from scenarios.schema import Scenario, reseeded
+from scenarios.schema import Scenario, line_of, reseeded
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,25 +29,54 @@ class RunOptions:
     seed: int | None = None
     jobs: int = 1
     profile: bool = False
+    live: BusSpec | None = None  # the bus to run on with real processes, one scenario after the other
+
+
+def sort_out(
+    found: Sequence[tuple[Path, Scenario]], named: Collection[Path], live: BusSpec | None
+) -> tuple[list[tuple[Path, Scenario]], list[Skipped]]:
+    """What can run, and what of a folder cannot live. Raises InputError for such a one among the files `named`."""
+    able: list[tuple[Path, Scenario]] = []
+    skipped: list[Skipped] = []
+    for path, scenario in found:
+        cannot = None if live is None else impossible_live(scenario, live)
+        if cannot is None:
+            able.append((path, scenario))
+            continue
+        line = f"{path}:{line_of(path, cannot.location)}"
+        if path in named:
+            raise InputError(f"{line}: {cannot.why}")
+        skipped.append(Skipped(scenario.name, line, cannot.why))
+    return able, skipped
 
 
 def run_all(
-    found: Sequence[tuple[Path, Scenario]], options: RunOptions, done: Callable[[str], None] = lambda name: None
+    found: Sequence[tuple[Path, Scenario]],
+    options: RunOptions,
+    done: Callable[[str], None] = lambda name: None,
+    skipped: Sequence[Skipped] = (),
 ) -> list[Result]:
     """Results in the order of the scenarios. Raises InputError for one that cannot be run."""
-    calls = [joblib.delayed(_run_one)(path, scenario, options) for path, scenario in found]
     results: list[Result] = []
-    for outcome in joblib.Parallel(n_jobs=options.jobs, return_as="generator")(calls):
+    for outcome in _outcomes(found, options):
         if isinstance(outcome, InputError):
             raise outcome
         results.append(outcome)
         done(outcome.name)
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
-        rows = [result.as_json() for result in results]
+        rows = [result.as_json() for result in results] + [{**asdict(one), "passed": None} for one in skipped]
         (options.out / "results.json").write_text(json.dumps(rows, indent=1), encoding="utf-8")
-        write_junit(results, options.out / "junit.xml")
+        write_junit(results, options.out / "junit.xml", skipped)
     return results
+
+
+def _outcomes(found: Sequence[tuple[Path, Scenario]], options: RunOptions) -> Iterator[Result | InputError]:
+    if options.live is not None:  # real time: one after the other, and none in a pool's worker
+        return (_run_one(path, scenario, options) for path, scenario in found)
+    calls = [joblib.delayed(_run_one)(path, scenario, options) for path, scenario in found]
+    outcomes: Iterator[Result | InputError] = joblib.Parallel(n_jobs=options.jobs, return_as="generator")(calls)
+    return outcomes
 
 
 def _run_one(path: Path, scenario: Scenario, options: RunOptions) -> Result | InputError:
@@ -54,10 +86,14 @@ def _run_one(path: Path, scenario: Scenario, options: RunOptions) -> Result | In
     folder = options.out
     try:
         recording = None if folder is None else folder / f"{name}.mcap"
-        run = run_scenario(scenario, recording=recording, where=str(path), profile=options.profile)
+        if options.live is None:
+            run = run_scenario(scenario, recording=recording, where=str(path), profile=options.profile)
+        else:
+            run = run_live(scenario, options.live, recording=recording, where=str(path))
     except InputError as error:
         return error
-    replay = shlex.join(["hilscenario", "run", str(path), "--seed", str(scenario.seed)])
+    live = [] if options.live is None else ["--live", "--bus", str(options.live)]
+    replay = shlex.join(["hilscenario", "run", str(path), "--seed", str(scenario.seed), *live])
     page = ""
     if folder is not None:
         from scenarios.page import write_page

@@ -10,14 +10,23 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import yaml
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    Tag,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 from pydantic_core import ErrorDetails, PydanticCustomError
 
 from hilbridge.errors import InputError
 from hilbridge.verbs import VERBS
 from scenarios.durations import Duration
 from scenarios.stl import FormulaError, parse
-from scenarios.vocabulary import checked_options, fault_kind
+from scenarios.vocabulary import SENSORS, checked_options, fault_kind
 
 HAZARDS = tuple(f"H{number}" for number in range(1, 10))
 
@@ -70,6 +79,62 @@ class Estimate(_Part):
             near = difflib.get_close_matches(verb, VERBS, n=1)
             raise ValueError(f"unknown verb `{verb}`; " + (f"did you mean `{near[0]}`?" if near else f"known: {VERBS}"))
         return verb
+
+
+class Session(_Part):
+    """A recorded session as the source of intent: a feature pack, an earlier run, or video and gaze.
+
+    Files are looked for beside the scenario's own file.
+    """
+
+    features: str | None = Field(None, description="feature pack (.npz) of `hilbridge data pack`")
+    recording: str | None = Field(None, description="MCAP recording of an earlier run: its beliefs, replayed")
+    video: str | None = Field(None, description="what the head camera saw; goes with `gaze`")
+    gaze: str | None = Field(None, description="Neon folder, BeGaze .txt or .csv; goes with `video`")
+    hands: bool = Field(False, description="find hands in the video (extra `hands`)")
+    from_: Annotated[Duration, Field(alias="from", description="where in the session the scenario begins")] = 0
+
+    model_config = ConfigDict(frozen=True, extra="forbid", populate_by_name=True)
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Session:
+        given = [name for name in ("features", "recording", "video") if getattr(self, name) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                f"a session has one of features, recording, video; this has {' and '.join(given) or 'none'}"
+            )
+        if (self.video is None) != (self.gaze is None):
+            raise ValueError("`video` and `gaze` go together")
+        if self.hands and self.video is None:
+            raise ValueError("`hands` are looked for in a `video`")
+        return self
+
+    @property
+    def unchangeable(self) -> tuple[str, ...]:
+        """Faults that would have to change what has been recorded already: names, or their beginnings and ends."""
+        if self.recording is not None:
+            return ()
+        if self.features is not None:
+            kinds = ("stuck", "garbage", "wrong", "drift")
+            sensors = tuple(f"{sensor}.{kind}" for sensor in SENSORS for kind in kinds)
+            wearer = ("tremor", "ataxia", "blink", "look_away", "hands_out_of_view")
+            return (*sensors, *(f"wearer.{kind}" for kind in wearer))
+        return ("wearer.tremor",)
+
+
+def _kind_of_intent(given: Any) -> str:
+    """Which member of the union is meant, so that errors speak of that one. Brackets: see `_location`."""
+    if isinstance(given, dict | Session):
+        return "[session]"
+    return "[script]" if isinstance(given, list | tuple) else "[word]"
+
+
+Intent = Annotated[
+    Annotated[Literal["predictor"], Tag("[word]")]
+    | Annotated[tuple[Estimate, ...], Tag("[script]")]
+    | Annotated[Session, Tag("[session]")],
+    Discriminator(_kind_of_intent),
+]
 
 
 class Step(_Part):
@@ -156,7 +221,7 @@ class Scenario(_Part):
     hazards: tuple[Literal[HAZARDS], ...] = ()  # type: ignore[valid-type]
     seed: int = Field(1, ge=0)
     duration: Duration
-    intent: Literal["predictor"] | tuple[Estimate, ...] = "predictor"
+    intent: Intent = "predictor"
     wearer: WearerPart = WearerPart()
     gate: GatePart = GatePart()
     bus: BusPart = BusPart()
@@ -172,7 +237,18 @@ class Scenario(_Part):
         for number, step in enumerate(self.steps):
             if step.at is not None and step.at >= self.duration:
                 late = f"strikes at {step.at / 1e9:g} s, after the end at {self.duration / 1e9:g} s"
-                raise PydanticCustomError("late_step", "{late}", {"late": late, "step": number})
+                raise PydanticCustomError("step", "{why}", {"why": late, "step": number, "key": "at"})
+        return self
+
+    @model_validator(mode="after")
+    def _recorded_already(self) -> Scenario:
+        if not isinstance(self.intent, Session):
+            return self
+        for number, step in enumerate(self.steps):
+            if step.fault in self.intent.unchangeable:
+                source = "features" if self.intent.features is not None else "a video"
+                why = f"`{step.fault}` changes what is seen, which {source} recorded already cannot show"
+                raise PydanticCustomError("step", "{why}", {"why": why, "step": number, "key": "fault"})
         return self
 
 
@@ -198,7 +274,18 @@ def load_scenario(path: Path) -> Scenario:
         raise InputError(f"{path}:{line}: not readable as YAML: {getattr(error, 'problem', error)}") from None
     if not isinstance(data, dict):
         raise InputError(f"{path}:1: a scenario is a mapping with `name`, `duration` and `expect`")
+    if isinstance(data.get("intent"), dict):
+        data["intent"] = _beside(path, data["intent"])
     return scenario_of(data, where=lambda location: f"{path}:{_line(root, location)}")
+
+
+def _beside(path: Path, session: dict[str, Any]) -> dict[str, Any]:
+    """A recorded session with its files' whole paths."""
+    files = ("features", "recording", "video", "gaze")
+    return {
+        key: str((path.parent / value).resolve()) if key in files and isinstance(value, str) else value
+        for key, value in session.items()
+    }
 
 
 def scenario_of(data: dict[str, Any], where: Any = lambda location: "scenario") -> Scenario:
@@ -213,8 +300,8 @@ def scenario_of(data: dict[str, Any], where: Any = lambda location: "scenario") 
 
 def _location(error: ErrorDetails) -> tuple[int | str, ...]:
     """Where in the file: pydantic's own names for the members of a union (`tuple[Estimate, ...]`) are left out."""
-    if error["type"] == "late_step":
-        return ("steps", error["ctx"]["step"], "at")
+    if error["type"] == "step":
+        return ("steps", error["ctx"]["step"], error["ctx"]["key"])
     return tuple(part for part in error["loc"] if isinstance(part, int) or "[" not in part)
 
 
@@ -246,6 +333,8 @@ def _keys_at(location: tuple[int | str, ...]) -> list[str]:
         "intent": Estimate,
     }
     model = parts.get(str(location[0]), Scenario) if location else Scenario
+    if location == ("intent",):
+        model = Session
     return [field.alias or name for name, field in model.model_fields.items()]
 
 
@@ -265,6 +354,15 @@ def _line(node: Any, location: tuple[int | str, ...]) -> int:
             return int(line)
         node = found
     return int(line)
+
+
+def line_of(path: Path, location: tuple[int | str, ...]) -> int:
+    """The line of a scenario file that has that part of it; 1 for a file that has changed under us."""
+    try:
+        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError):
+        return 1
+    return _line(root, location)
 
 
 def reseeded(scenario: Scenario, seed: int | None) -> Scenario:

@@ -17,7 +17,8 @@ from hilbridge.records import CameraFrame, GazeSample, Hand, HandTracks
 from hilbridge.wearer.person import Tremor, Wearer
 from hilbridge.wearer.timeline import BENCHMARK, DEMO
 from scenarios.faults import Active, FaultBoard
-from scenarios.schema import Scenario
+from scenarios.recorded import Filmed, Person, recorded_person
+from scenarios.schema import Scenario, Session
 
 T = TypeVar("T", CameraFrame, GazeSample, HandTracks)
 
@@ -27,8 +28,13 @@ GAZE_PERIOD_NS = 20_000_000
 _KINDS = ("off", "slow", "intermittent", "stuck", "wrong", "garbage", "drift", "delayed", "clock_skew")
 
 
-def person(scenario: Scenario, tremor: Tremor | None = None) -> Wearer:
-    """The scenario's wearer. Equal seeds are equal people, so that each thread may have its own copy."""
+def person(scenario: Scenario, tremor: Tremor | None = None) -> Person:
+    """The scenario's wearer. Equal seeds are equal people, so that each thread may have its own copy.
+
+    Raises InputError where it is a recorded session that cannot be read.
+    """
+    if (recorded := recorded_person(scenario)) is not None:
+        return recorded
     seed = scenario.seed if scenario.wearer.seed is None else scenario.wearer.seed
     difficulty = BENCHMARK if scenario.wearer.difficulty == "benchmark" else DEMO
     return Wearer(seed, difficulty=difficulty, tremor=tremor, width_px=WIDTH_PX, height_px=HEIGHT_PX)
@@ -40,10 +46,20 @@ class Body:
     def __init__(self, scenario: Scenario, board: FaultBoard) -> None:
         self._scenario, self._board = scenario, board
         self.calm = person(scenario)
-        self._shaking: dict[Active, Wearer] = {}
+        self._shaking: dict[Active, Person] = {}
+        # A recorded camera has its own noise, and no hands where none are looked for.
+        self._flickers = not isinstance(self.calm, Filmed)
+        self.has_hands = (
+            not isinstance(scenario.intent, Session) or scenario.intent.video is None or scenario.intent.hands
+        )
         self._noise = np.random.default_rng(scenario.seed).integers(0, 2, WIDTH_PX * HEIGHT_PX * 3 + 251, np.uint8)
 
-    def _wearer(self) -> Wearer:
+    def close(self) -> None:
+        """What a recorded wearer holds open."""
+        if isinstance(self.calm, Filmed):
+            self.calm.close()
+
+    def _wearer(self) -> Person:
         tremor = self._board.get("wearer.tremor")
         if tremor is None:
             return self.calm
@@ -58,6 +74,8 @@ class Body:
     def frame(self, t_ns: int) -> CameraFrame:
         """The picture, with the flicker of a real sensor's lowest bit, so that a wearer at rest is no frozen camera."""
         frame = self._wearer().frame(t_ns)
+        if not self._flickers:
+            return frame
         shift = frame.sequence % 251
         noise = self._noise[shift : shift + frame.rgb.size].reshape(frame.rgb.shape)
         return replace(frame, rgb=frame.rgb ^ noise)
@@ -200,6 +218,19 @@ def shift_gaze(sample: GazeSample, amount: float) -> GazeSample:
 def shift_hands(tracks: HandTracks, amount: float) -> HandTracks:
     """Detections that slip to the right."""
     return replace(tracks, hands=tuple(replace(hand, x=hand.x + amount) for hand in tracks.hands))
+
+
+def detected(edge: SensorEdge[HandTracks], body: Body, captured_ns: int) -> HandTracks | None:
+    """What the detector finds in the picture of `captured_ns`; None where it gives nothing, or there is none."""
+    if not body.has_hands:
+        return None
+    found = edge.deliver(max(0, captured_ns))
+    if found is None:
+        return None
+    late_ns, hands = found[0] - captured_ns, found[1]
+    if late_ns > 0:  # a detector that lags: it tells of an earlier picture
+        hands = HandTracks(captured_ns - late_ns, body.hands(max(0, captured_ns - late_ns)).hands)
+    return hands
 
 
 def edges(

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from scenarios.judging import Result
+from scenarios.judging import Result, Skipped
 
 if TYPE_CHECKING:
     from scenarios.campaign import Outcome
@@ -28,11 +28,12 @@ def progress_bar(total: int, *, quiet: bool) -> Iterator[Callable[[str], None]]:
         yield lambda name: bar.update(task, advance=1, description=name)
 
 
-def print_results(results: Sequence[Result], out: Path | None) -> None:
-    """The table, then what failed and how to repeat it."""
+def print_results(results: Sequence[Result], out: Path | None, skipped: Sequence[Skipped] = ()) -> None:
+    """The table, then what failed and how to repeat it, and what was not run and why."""
     console = Console(width=None if Console().is_terminal else 120)
     table = Table(box=None, pad_edge=False, header_style="bold")
-    for title in ("", "scenario", "coverage", "precision", "worst zero", "margin", "faults", "CPU"):
+    live = any(result.live for result in results)
+    for title in ("", "scenario", "coverage", "precision", "worst zero", "margin", "faults", "took" if live else "CPU"):
         table.add_column(title, justify="left" if title in ("", "scenario") else "right")
     for result in results:
         figures = result.figures
@@ -58,9 +59,16 @@ def print_results(results: Sequence[Result], out: Path | None) -> None:
         if result.profile:
             _print_profile(console, result)
     seconds, cpu_s = sum(r.seconds for r in results), sum(r.cpu_s for r in results)
+    for one in skipped:
+        console.print(f"[yellow]skipped[/] {one.name}: {one.file}: {one.why}", highlight=False, soft_wrap=True)
+    took = f"{cpu_s:.0f} s"
+    if not live:
+        took = f"{cpu_s:.1f} s of processor time ({seconds / max(cpu_s, 1e-9):.0f} x)"
     console.print(
-        f"\n{len(results) - len(failed)} of {len(results)} passed; {seconds:.0f} s of the system's life in "
-        f"{cpu_s:.1f} s of processor time ({seconds / max(cpu_s, 1e-9):.0f} x)" + (f"; {out}" if out else "")
+        f"\n{len(results) - len(failed)} of {len(results)} passed"
+        + (f", {len(skipped)} skipped" if skipped else "")
+        + f"; {seconds:.0f} s of the system's life in {took}"
+        + (f"; {out}" if out else "")
     )
 
 

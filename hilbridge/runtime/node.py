@@ -156,6 +156,7 @@ class BridgeNode:
             "verb": None if decision.verb_index is None else VERBS[decision.verb_index],
             "confidence": round(decision.confidence, 4),
             "top": top,
+            "top_confidence": None if estimate is None else round(estimate.confidence, 4),
             "valid": list(self._vector.valid) if self._vector is not None else [False, False, False],
             "sensing_age_ms": None if self._vector is None else round((now_ns - self._vector.oldest_input_ns) / 1e6, 2),
             "sensors": problem,

@@ -18,9 +18,9 @@ _PROBE_STEP = 16  # every 16th pixel both ways: enough to tell two pictures apar
 
 
 class FindsHands(Protocol):
-    """A hand detector (sensors.hands), or the simulated wearer's own word."""
+    """A hand detector (sensors.hands), or the simulated wearer's own word; None is a detector that gave no answer."""
 
-    def detect(self, frame: CameraFrame) -> HandTracks: ...
+    def detect(self, frame: CameraFrame) -> HandTracks | None: ...
 
 
 class VisionWorker:

@@ -13,9 +13,11 @@ import pytest
 from firmware_sim import frames, node, transmit
 from firmware_sim.attachment import Arrival, Attachment, BusUnusable, Spec, parse_spec
 from firmware_sim.device import Device
+from firmware_sim.frames import STOP
 from firmware_sim.keys import KeyUnusable, load_key
 from firmware_sim.memory import COUNT_STALL_TICKS, COUNT_TX_DROPPED, ControllerState, Inputs, Received
 from firmware_sim.node import Node, main
+from firmware_sim.plant.actuator import LAG_S
 from firmware_sim.secoc import DEMO_KEY
 from firmware_sim.states import Reason, State
 from firmware_sim.torque import Torque
@@ -66,9 +68,9 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     return fake
 
 
-def make(log: io.StringIO | None = None) -> tuple[Node, FakeBus]:
+def make(log: io.StringIO | None = None, log_cycle_ms: int = 20) -> tuple[Node, FakeBus]:
     bus = FakeBus()
-    return Node(Device(ControllerState(DEMO_KEY, 1)), bus, log), bus  # type: ignore[arg-type]
+    return Node(Device(ControllerState(DEMO_KEY, 1)), bus, log, log_cycle_ms), bus  # type: ignore[arg-type]
 
 
 @requirement("S11")
@@ -172,6 +174,33 @@ def test_other_commands(clock: Clock, capsys: pytest.CaptureFixture[str]) -> Non
     made.commands.append("buson")
     made._obey()
     assert not made.forced_bus_off
+
+
+def test_faults_of_the_motor_add_up_until_mended(clock: Clock) -> None:
+    made, _bus = make()
+    made.commands.extend(["bias 0.5", "lag 60"])
+    made._obey()
+    assert (made.device.actuator.bias_nm, made.device.actuator.lag_s) == (0.5, 0.06)
+    made.commands.append("mend")
+    made._obey()
+    assert (made.device.actuator.bias_nm, made.device.actuator.lag_s) == (0.0, LAG_S)
+
+
+def test_the_log_has_every_command_typed_when_stop_came_and_a_line_every_cycle_asked_for(clock: Clock) -> None:
+    log = io.StringIO()
+    made, bus = make(log=log, log_cycle_ms=5)
+    made.run(0.1)
+    bus.arrivals.append(Arrival(clock.now_ns, Received(STOP, b"", True)))
+    made.commands.append("push 1.5")
+    made.stopping = False
+    made.run(0.2)
+    rows = [json.loads(line) for line in log.getvalue().splitlines()]
+    assert [row["command"] for row in rows if "command" in row] == ["push 1.5"]
+    states = [row for row in rows if "state" in row]
+    assert len(states) >= 40
+    stops = {row["stop_ms"] for row in states}
+    assert len(stops) == 2
+    assert next(row for row in states if row["state"] == "ESTOP")["t_ms"] == max(stop for stop in stops if stop)
 
 
 @requirement("P12")

@@ -1,0 +1,135 @@
+"""One scenario live: played by the director, put on the same grid of signals as in virtual time, judged by the same rules."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from hilbridge.bus.spec import BusSpec
+from hilbridge.errors import InputError
+from hilbridge.observe.recording import Recording
+from scenarios.figures import gate_figures, zero_after_fault_ms
+from scenarios.judging import FaultCount, Judgement, Result, judged
+from scenarios.live.bridge_log import put_bridge
+from scenarios.live.device_log import assist_figures, device_columns
+from scenarios.live.director import Director
+from scenarios.live.happened import Happened
+from scenarios.run import Run, initial_values, with_derived
+from scenarios.safety import safety_expectations
+from scenarios.schema import Expectation, Scenario
+from scenarios.signals import Trace
+from scenarios.tracks import Tracks
+
+MS = 1_000_000
+# A live tick may be up to 40 ms late before the bridge itself holds for it, and a live process has 10 ms of margin
+# (PROTOCOL.md); the device's own deadlines are judged on its own clock and need none.
+LIVE_MARGIN_MS = {"zero_after_fault_ms": 50.0}
+
+
+def run_live(scenario: Scenario, spec: BusSpec, *, recording: Path | None = None, where: str = "scenario") -> Run:
+    """Run with real processes in real time and judge. Raises InputError for a bus or process that cannot be had."""
+    began_s = time.monotonic()
+    with tempfile.TemporaryDirectory(prefix="hilscenario-") as folder:
+        director = Director(scenario, spec, Path(folder))
+        director.run()
+    happened = director.happened
+    if recording is not None:
+        write_recording(scenario, spec, happened, recording)
+    faults = tuple(FaultCount(*row) for row in director.board.effects())
+    return judge_live(scenario, happened, faults, time.monotonic() - began_s, where)
+
+
+def judge_live(
+    scenario: Scenario, happened: Happened, faults: tuple[FaultCount, ...], took_s: float, where: str
+) -> Run:
+    """Signals, figures and verdicts of what was recorded."""
+    if not happened.device_rows:
+        raise InputError(f"{where}: the device's log is empty; is the disk full?")
+    seconds = scenario.duration / 1e9
+    trace = live_trace(scenario, happened)
+    ticks = [row for now_ns, row in happened.ticks if 0 <= now_ns <= scenario.duration]
+    summary, counters = happened.device_summary, last_counters(happened)
+    figures = {
+        **gate_figures(ticks, seconds),
+        **assist_figures(trace.values),
+        "max_assist_nm": float(summary.get("peak_assist_nm", 0.0)),
+        "zero_after_fault_ms": zero_after_fault_ms(trace),
+        "trips": float(summary.get("trips", 0)),
+        "frames_rejected": float(sum(summary.get("rejected", {}).values())),
+        "frames_lost": float(summary.get("lost_frames", 0)) + counters["wire.LostFrames"],
+    }
+    expected = tuple(with_margin(expectation) for expectation in scenario.expect)
+    judgements = judged(expected, trace, figures, safety=False, where=where)
+    judgements += judged(safety_expectations(live=True), trace, figures, safety=True, where=where)
+    judgements += (_all_lived(happened),)
+    result = Result(scenario.name, scenario.seed, judgements, faults, figures, seconds, took_s, live=True)
+    return Run(result, trace, ticks, scenario)
+
+
+def with_margin(expectation: Expectation) -> Expectation:
+    """The same expectation with the margin that a live run has."""
+    margin_ms = LIVE_MARGIN_MS.get(expectation.figure or "", 0.0)
+    if expectation.at_most is None or not margin_ms:
+        return expectation
+    return expectation.model_copy(update={"at_most": expectation.at_most + margin_ms})
+
+
+def live_trace(scenario: Scenario, happened: Happened) -> Trace:
+    """Every signal on the grid of 1 ms that virtual time has, too."""
+    tracks = Tracks()
+    for now_ns, signals in happened.fault_signals:
+        for name, value in signals.items():
+            tracks.put(now_ns / MS, name, value)
+    put_bridge(tracks, happened.ticks, happened.away)
+    trace = tracks.trace(scenario.duration / MS, initial_values(scenario))
+    columns = device_columns(happened.device_rows, happened.start_ns, trace.length)
+    return with_derived(Trace(trace.step_ms, trace.length, {**trace.values, **columns}))
+
+
+def last_counters(happened: Happened) -> dict[str, int]:
+    """The bridge's counters, summed over all its processes; one that was killed had told them up to a second before."""
+    total: dict[str, int] = {"wire.LostFrames": 0}
+    last: dict[str, int] = {}
+    for row in happened.bridge_rows:
+        if row["topic"] == "/meta":  # the next process
+            total, last = _sum(total, last), {}
+        elif row["topic"] == "/counters":
+            last = row["row"]
+    return _sum(total, last)
+
+
+def _sum(total: dict[str, int], more: dict[str, int]) -> dict[str, int]:
+    return total | {name: total.get(name, 0) + value for name, value in more.items()}
+
+
+def _all_lived(happened: Happened) -> Judgement:
+    text = "no process ends by itself"
+    lived = not happened.died
+    name = text if lived else f"{text}: {', '.join(happened.died)}"
+    return Judgement(name, text, lived, 1.0 if lived else -1.0, None)
+
+
+def write_recording(scenario: Scenario, spec: BusSpec, happened: Happened, path: Path) -> None:
+    """Everything that both sides and the director wrote, in order of time, as one MCAP file like virtual time's."""
+    rows = sorted(_all_rows(happened), key=lambda row: row[1])
+    with Recording(path) as out:
+        meta = {"scenario": scenario.name, "seed": scenario.seed, "live": str(spec), "start_ns": happened.start_ns}
+        out.write("/meta", 0, meta)
+        for topic, time_ns, row in rows:
+            out.write(topic, max(0, time_ns - happened.start_ns), row)
+        counters = {**last_counters(happened), "intruder.send_dropped": happened.intruder_dropped}
+        out.write("/counters", scenario.duration, {**counters, "device": happened.device_summary})
+
+
+def _all_rows(happened: Happened) -> Iterator[tuple[str, int, dict[str, Any]]]:
+    for row in happened.bridge_rows:
+        # What the bridge heard of the device stands in its /can rows; /device is the device's own word, as elsewhere.
+        if row["topic"] not in ("/device", "/effects"):
+            yield row["topic"], row["time_ns"], row["row"]
+    for row in happened.device_rows:
+        yield "/device", row["ends_ns"], row
+    for time_ns, text in happened.events:
+        yield "/event", time_ns, {"text": text}

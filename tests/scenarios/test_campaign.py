@@ -1,0 +1,109 @@
+"""scenarios.campaign where workers die: on this machine's processes and on a Dask cluster, every sample comes out once."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+from pathlib import Path
+
+import pytest
+
+from hilbridge.errors import InputError
+from scenarios import campaign
+from scenarios.campaign import Outcome, Sample, base_scenario, run_campaign, run_sample, samples_of
+from scenarios.schema import Scenario
+
+MARK = "HILBRIDGE_TEST_DIES_ONCE"
+
+
+def dying_once(base: Scenario, sample: Sample) -> Outcome:
+    """In a worker: the first one to come here is killed in the middle of its sample."""
+    try:
+        os.close(os.open(os.environ[MARK], os.O_CREAT | os.O_EXCL))
+    except FileExistsError:
+        return run_sample(base, sample)
+    os.kill(os.getpid(), signal.SIGKILL)
+    raise AssertionError("unreachable")
+
+
+@pytest.mark.parametrize("cluster", [None, "dask"])
+def test_a_killed_worker_is_survived_and_every_sample_is_there_once(
+    cluster: str | None, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    if cluster == "dask":
+        pytest.importorskip("distributed")
+    monkeypatch.setenv(MARK, str(tmp_path / "killed"))
+    monkeypatch.setattr(campaign, "run_sample", dying_once)
+    monkeypatch.setattr(campaign, "_CHUNK", 3)
+    base = base_scenario()
+    wanted = samples_of(base, 2, 1, ("bus.cut",))
+    done: list[str] = []
+    outcomes = run_campaign(base, wanted, tmp_path, jobs=2, cluster=cluster, done=done.append)
+    assert (tmp_path / "killed").exists()
+    assert sorted(outcome.sample.key for outcome in outcomes) == sorted(sample.key for sample in wanted)
+    assert len(done) == len(wanted)
+    rows = [json.loads(line) for line in (tmp_path / "campaign.jsonl").read_text().splitlines()]
+    assert sorted(Sample(**row["sample"]).key for row in rows[1:]) == sorted(sample.key for sample in wanted)
+
+
+def test_what_was_done_before_the_end_came_is_not_done_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    base = base_scenario()
+    wanted = samples_of(base, 1, 1, ("bus.cut",))
+    first = run_campaign(base, wanted[:2], tmp_path, jobs=1)
+    ran: list[Sample] = []
+
+    def watched(base: Scenario, sample: Sample) -> Outcome:
+        ran.append(sample)
+        return run_sample(base, sample)
+
+    monkeypatch.setattr(campaign, "run_sample", watched)
+    outcomes = run_campaign(base, wanted, tmp_path, jobs=1)
+    assert ran == wanted[2:]
+    assert {outcome.sample.key for outcome in outcomes} == {sample.key for sample in wanted}
+    assert all(outcome in outcomes for outcome in first)
+
+
+def test_workers_that_die_again_and_again_end_the_campaign_in_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(base: Scenario, sample: Sample) -> Outcome:
+        raise OSError("the worker has gone")
+
+    monkeypatch.setattr(campaign, "run_sample", broken)
+    with pytest.raises(InputError, match=r"workers die again and again \(OSError: the worker has gone\)"):
+        run_campaign(base_scenario(), samples_of(base_scenario(), 1, 1, ("bus.cut",)), tmp_path, jobs=1)
+
+
+def test_what_dask_says_of_a_worker_that_died_too_often_is_known(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    distributed = pytest.importorskip("distributed")
+    tries: list[Sample] = []
+
+    def once(base: Scenario, sample: Sample) -> Outcome:
+        tries.append(sample)
+        if len(tries) == 1:
+            raise distributed.KilledWorker("sample", None, 3)
+        return run_sample(base, sample)
+
+    monkeypatch.setattr(campaign, "run_sample", once)
+    wanted = samples_of(base_scenario(), 1, 1, ("bus.cut",))
+    assert len(run_campaign(base_scenario(), wanted, tmp_path, jobs=1)) == len(wanted)
+    assert len(tries) == len(wanted) + 1
+
+
+@pytest.mark.parametrize(
+    ("cluster", "said"),
+    [("slurm", "write ray, ray://HOST:PORT, dask or dask://HOST:PORT"), ("dask://127.0.0.1:9", "cannot be reached")],
+)
+def test_a_cluster_that_cannot_be_had_is_one_line(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, cluster: str, said: str
+) -> None:
+    if cluster.startswith("dask"):
+        pytest.importorskip("distributed")
+    monkeypatch.setattr(campaign, "_CONNECT_S", 1)
+    with pytest.raises(InputError) as refused:
+        run_campaign(base_scenario(), samples_of(base_scenario(), 1, 1, ("bus.cut",)), tmp_path, cluster=cluster)
+    assert said in str(refused.value)
+    assert "\n" not in str(refused.value)
