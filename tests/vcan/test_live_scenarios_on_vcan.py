@@ -14,7 +14,8 @@ import pytest
 CATALOG = Path(__file__).parents[2] / "scenarios" / "catalog"
 # A sensor off, both at once, flapping; a process that hangs, and one that dies.
 DROPOUTS = ("dropout-gaze-off", "dropout-both-at-once", "dropout-flapping", "bridge-hang", "bridge-kill")
-# On a computer too busy to act within seconds a scenario proves nothing, so it is played again; safety holds in each.
+# On a computer too busy to assist at the moment of the fault a scenario proves nothing, so it is played again; safety
+# holds in each.
 ATTEMPTS = 3
 
 pytestmark = [pytest.mark.vcan, pytest.mark.timeout(600)]
@@ -48,7 +49,8 @@ def test_h2_h7_h8_the_catalogues_dropouts_are_green_live_on_vcan(tmp_path: Path)
             assert [judgement["name"] for judgement in safety if not judgement["holds"]] == []
         suite = ET.parse(tmp_path / "junit.xml").getroot()
         assert (suite.get("tests"), suite.get("skipped")) == (str(len(left)), "0")
-        left = [name for name, result in zip(left, results, strict=True) if not result["passed"]]
+        shown = [result["passed"] and result["figures"]["zero_after_fault_ms"] > 0.0 for result in results]
+        left = [name for name, proof in zip(left, shown, strict=True) if not proof]
         if not left:
             return
-    raise AssertionError(f"not green in {ATTEMPTS} attempts: {left}")
+    raise AssertionError(f"not green under assist in {ATTEMPTS} attempts: {left}")
