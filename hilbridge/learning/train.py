@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -13,7 +14,6 @@ import torch
 from numpy.typing import NDArray
 from rich.progress import Progress
 from torch.nn import functional
-from torch.optim.swa_utils import AveragedModel, get_ema_multi_avg_fn
 
 from hilbridge.learning.fit import fit_temperature, nll
 from hilbridge.learning.network import GruNetwork, TransformerNetwork
@@ -110,7 +110,7 @@ def fit_network(
     network = build(recipe)
     optimiser = torch.optim.AdamW(network.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, recipe.epochs)
-    average = AveragedModel(network, multi_avg_fn=get_ema_multi_avg_fn(recipe.averaging))
+    average = deepcopy(network)
     state = _Progress(recipe, network, average, optimiser, schedule, folder)
     task = progress.add_task(f"training {recipe.architecture}", total=recipe.epochs) if progress else None
     for epoch in range(state.resume(), min(recipe.epochs, stop_after or recipe.epochs)):
@@ -118,7 +118,7 @@ def fit_network(
             break
         loss = _epoch(recipe, network, average, optimiser, training, ends, statistics, weights, epoch)
         schedule.step()
-        logits = predict_logits(average.module, validation, judged, statistics) + offset
+        logits = predict_logits(average, validation, judged, statistics) + offset
         labels = validation.label[judged]
         top1 = float((logits.argmax(axis=1) == labels).mean())
         # A common factor of the logits is calibration's to remove: judge what will be left after it.
@@ -128,7 +128,7 @@ def fit_network(
             progress.update(task, completed=epoch + 1, description=f"validation NLL {state.best:.3f}")
     if progress is not None and task is not None:
         progress.update(task, completed=recipe.epochs)
-    last = {name: value.clone() for name, value in average.module.state_dict().items()}
+    last = {name: value.clone() for name, value in average.state_dict().items()}
     network.load_state_dict(state.best_weights)
     network.eval()
     return Trained(network, statistics, offset, tuple(state.history), last)
@@ -155,7 +155,7 @@ def predict_logits(
 def _epoch(
     recipe: Recipe,
     network: Network,
-    average: AveragedModel,
+    average: Network,
     optimiser: torch.optim.Optimizer,
     training: Stream,
     ends: NDArray[np.int64],
@@ -183,9 +183,16 @@ def _epoch(
         loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(network.parameters(), recipe.clip_norm)
         optimiser.step()
-        average.update_parameters(network)
+        _follow(average, network, recipe.averaging)
         losses.append(float(loss.detach()))
     return float(np.mean(losses))
+
+
+def _follow(average: Network, network: Network, decay: float) -> None:
+    """One step of the exponential moving average of the weights."""
+    with torch.no_grad():
+        for kept, newest in zip(average.parameters(), network.parameters(), strict=True):
+            kept.lerp_(newest, 1.0 - decay)
 
 
 class _Progress:
@@ -195,7 +202,7 @@ class _Progress:
         self,
         recipe: Recipe,
         network: Network,
-        average: AveragedModel,
+        average: Network,
         optimiser: torch.optim.Optimizer,
         schedule: torch.optim.lr_scheduler.LRScheduler,
         folder: Path | None,
@@ -212,7 +219,7 @@ class _Progress:
         self.history.append(row)
         if row["validation_nll"] < self.best:
             self.best, self.since_best = row["validation_nll"], 0
-            self.best_weights = {name: value.clone() for name, value in self._average.module.state_dict().items()}
+            self.best_weights = {name: value.clone() for name, value in self._average.state_dict().items()}
         else:
             self.since_best += 1
         if self._folder is not None:
