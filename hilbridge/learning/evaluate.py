@@ -144,9 +144,9 @@ def _calibration_sections(pooled: tables.Pooled, taught: tables.Pooled, overfit:
             "synthetic",
             tables.baseline(pooled, taught),
             "2 s windows ending 0.52 s before onset; intervals by subject. Bayes knows what the simulated person shows and "
-            "how clearly; no network can do better on these windows. What of it can be reached from these windows and "
+            "how clearly; from this preparation alone nothing does better. What of it can be reached from these windows and "
             "sensors of people never met lies between Bayes and the same network taught by Bayes: trained on the same "
-            "people, but on the best possible belief before each action instead of the one verb that followed.",
+            "people, half as long, on the best possible belief before each action instead of the one verb that followed.",
         ),
         Section(
             "e1_calibration",
@@ -269,8 +269,8 @@ def _other_sections(
             "Laplace, MC dropout, transformer, ensemble",
             "synthetic",
             tables.comparator_table(pooled, members),
-            "What each costs a prediction is in E4. Transformer and the ensemble's two other members (as the network taught "
-            "by Bayes) were trained for half the epochs.",
+            "What each costs a prediction is in E4. Transformer and the ensemble's two other members were trained for a third "
+            "of the epochs.",
         ),
         Section(
             "certificates",

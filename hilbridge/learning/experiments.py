@@ -32,19 +32,21 @@ VALIDATION_SEED, CALIBRATION_SEED, TEST_SEED, TRAINING_SEED, REPLAY_SEED = 3_000
 JUDGED = ("calibration", "test")
 LOSSES: tuple[tuple[Modality, ...], ...] = ((), (Modality.GAZE,), (Modality.HANDS,), (Modality.SCENE,))
 # What the network lacks on this benchmark is people, not capacity: 32 people left it 0.049 short of Bayes, 96 only 0.015.
-# At the paper's rate of 1e-3 the interaction of hands and scene is not found in the epochs there is time for.
+# At the paper's rate of 1e-3 the interaction of hands and scene is not found in the epochs there is time for; found at a
+# high rate, it is kept from learning the labels' noise by heart by a strong weight decay (decision 310).
 BENCHMARK_RECIPE = Recipe(
     hidden=128,
-    epochs=12,
+    epochs=24,
     windows_per_epoch=14_400,
-    learning_rate=3e-3,
-    weight_decay=0.03,
+    learning_rate=8e-3,
+    weight_decay=0.6,
     jitter=0.2,
     modality_dropout=0.05,
     dropout=0.1,
     label_smoothing=0.0,
     class_weight_power=0.0,
-    patience=9,
+    averaging=0.95,
+    patience=24,
 )
 # The paper's overconfidence, reproduced: no regularisation, few windows, no early stopping.
 OVERFIT_RECIPE = Recipe(
@@ -120,14 +122,16 @@ def run_network(plan: Plan, folder: Path, kind: str = "gru") -> Path:
         return path
     special = {
         "overfit": plan.overfit,
-        "transformer": replace(plan.recipe, architecture="transformer"),
+        # Attention does not learn at the GRU's rate: the paper's.
+        "transformer": replace(plan.recipe, architecture="transformer", learning_rate=1e-3, weight_decay=1e-2),
         "taught": replace(plan.recipe, taught=True),
     }
     recipe = special.get(kind, plan.recipe)
     if kind.startswith("member-"):
         recipe = replace(recipe, seed=int(kind.removeprefix("member-")))
-    if kind not in ("gru", "overfit"):
-        recipe = replace(recipe, epochs=max(1, recipe.epochs // 2))
+    # So that everything stays affordable; without the labels' noise half the epochs do as well.
+    share = {"gru": 1, "overfit": 1, "taught": 2}.get(kind, 3)
+    recipe = replace(recipe, epochs=max(1, recipe.epochs // share))
     parts = {part: people(plan, part, folder) for part in ("validation", *JUDGED)}
     seeds = plan.seeds()["training"]
     parts["training"] = people(plan, "training", folder, seeds[: plan.overfit_people] if kind == "overfit" else seeds)
