@@ -19,7 +19,7 @@ from hilbridge.intent.calibration import Method
 from hilbridge.learning import tables
 from hilbridge.learning.certify_study import study
 from hilbridge.learning.closed_loop import closed_loop_table, history_loop_table, runtime_table, tremor_table
-from hilbridge.learning.experiments import Plan, people, run_network
+from hilbridge.learning.experiments import Plan, network_path, people, run_network
 from hilbridge.learning.real_sections import real_sections
 from hilbridge.learning.report import Section, as_row, curve_figure, reliability_figure, write_report
 from hilbridge.learning.targets import target_section
@@ -86,12 +86,11 @@ def synthetic_sections(work: Path, plan: Plan, workers: int, comparators: bool, 
     kinds = ["gru", "taught", "overfit", *(["member-1", "transformer", "member-2"] if comparators else [])]
     say(f"recording {len(seeds)} simulated wearers, {plan.seconds:g} s each")
     _all(workers, "recording people", _record, [(plan, part, seed, work) for part, seed in seeds])
-    say(f"training {len(kinds)} networks: {', '.join(kinds)} (their logs: {work}/NETWORK/train.csv)")
-    done = _all(workers, "training networks", run_network, [(plan, work, kind) for kind in kinds])
-    paths = {path.stem.removeprefix("network-"): path for path in done}
+    say(f"training {len(kinds)} networks: {', '.join(kinds)} (their logs: {work}/network-*/train.csv)")
+    _all(workers, "training networks", run_network, [(plan, work, kind) for kind in kinds])
 
     def kept(*wanted: str) -> list[tables.Fold]:
-        return tables.load_folds([paths[kind] for kind in wanted if kind in paths])
+        return tables.load_folds([network_path(plan, work, kind) for kind in wanted])
 
     say("judging")
     pooled, taught, overfit = (tables.Pooled(kept(kind)) for kind in ("gru", "taught", "overfit"))

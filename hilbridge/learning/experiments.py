@@ -6,6 +6,7 @@ people; only those to train on prepare more clearly than the paper's figures sug
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from hilbridge.features.layout import LAYOUT_HASH
 from hilbridge.intent.calibration import ALL_VALID
 from hilbridge.learning.laplace import dropout_probabilities, last_layer_laplace
 from hilbridge.learning.network import GruNetwork, export_weights
@@ -111,13 +113,19 @@ def near_onset(stream: Stream) -> Ints:
     return np.asarray(ends[(stream.onset_steps[ends] >= 13) & (stream.onset_steps[ends] <= 19)])
 
 
+def network_path(plan: Plan, folder: Path, kind: str) -> Path:
+    """Where one network's answers are kept: another plan, other people or other features have another file."""
+    shape = replace(plan, certificates=0), BENCHMARK, BENCHMARK_TRAINING, LAYOUT_HASH
+    return folder / f"network-{kind}.{hashlib.sha256(repr(shape).encode()).hexdigest()[:10]}.npz"
+
+
 def run_network(plan: Plan, folder: Path, kind: str = "gru") -> Path:
     """Train one network and keep all it says about people it has never seen.
 
     kind: gru, overfit, transformer, member-N, or taught (by the best possible belief: what these windows let through).
     The file has, for each part of JUDGED: labels, subject, bayes, and logits without each loss of LOSSES.
     """
-    path = folder / f"network-{kind}.npz"
+    path = network_path(plan, folder, kind)
     if path.is_file():
         return path
     special = {
@@ -137,7 +145,7 @@ def run_network(plan: Plan, folder: Path, kind: str = "gru") -> Path:
     parts["training"] = people(plan, "training", folder, seeds[: plan.overfit_people] if kind == "overfit" else seeds)
     ends = onset_ends(parts["training"]) if kind == "overfit" else near_onset(parts["training"])
     judged = onset_ends(parts["validation"])
-    trained = fit_network(recipe, parts["training"], parts["validation"], folder / kind, ends, judged)
+    trained = fit_network(recipe, parts["training"], parts["validation"], path.with_suffix(""), ends, judged)
     if kind == "overfit":
         trained = _last_epoch(trained)
     kept: dict[str, NDArray[Any]] = {}

@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 pytest.importorskip("sklearn")
 
 from hilbridge.intent.calibration import ALL_VALID, ISOTONIC_CAP, Method
-from hilbridge.learning.experiments import LOSSES, Plan, mask_of
+from hilbridge.learning.experiments import LOSSES, Plan, mask_of, network_path
 from hilbridge.learning.fit import fit_calibration, fit_isotonic
 from hilbridge.learning.metrics import ece
 
@@ -40,6 +42,15 @@ def test_a_handful_of_lucky_windows_never_claims_certainty():
         assert list(x) == sorted(x)
     _, few = fit_isotonic(np.full(3, 0.5), np.ones(3, dtype=bool))
     assert max(few) <= 0.75
+
+
+def test_another_plan_never_takes_the_answers_of_the_one_before(tmp_path):
+    plan = Plan()
+    kept = {network_path(plan, tmp_path, kind) for kind in ("gru", "member-1")}
+    assert len(kept) == 2
+    for other in (replace(plan, training=96), replace(plan, recipe=replace(plan.recipe, seed=5))):
+        assert network_path(other, tmp_path, "gru") not in kept
+    assert network_path(replace(plan, certificates=3), tmp_path, "gru") in kept
 
 
 def test_nobody_is_in_two_parts_of_the_benchmark():

@@ -134,5 +134,7 @@ def test_recording_is_the_same_from_cache(tmp_path):
     stored = record_people([6_000], DEMO, 3.0, tmp_path)
     assert (fresh.values == stored.values).all()
     assert (stored.label == record(6_000, DEMO, 3.0).label).all()
+    other = replace(DEMO, mixture=((1.0, 0.0, 0.0),))
+    assert (record_people([6_000], other, 3.0, tmp_path).bayes != stored.bayes).any()  # other people of the same name
     assert STEP_NS == 40_000_000
     assert Modality.GAZE == 0
