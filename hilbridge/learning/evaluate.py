@@ -70,7 +70,7 @@ def evaluate(
         else real_sections(Path(data), say)
     )
     minutes = (time.perf_counter() - start) / 60.0
-    facts = {"data": data, "minutes": round(minutes, 1)}
+    facts = {"data": data, "minutes of this run": round(minutes, 1)}
     if data == "synthetic":
         facts["people to train, stop, calibrate, test"] = ", ".join(
             str(count) for count in (plan.training, plan.validation, plan.calibration, plan.test)

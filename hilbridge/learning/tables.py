@@ -176,7 +176,7 @@ def ablation_table(pooled: Pooled) -> list[Row]:
         row["noise_floor"] = metrics.noise_floor(pooled.confidence(Method.ISOTONIC, mask))
         rows.append(row)
     means = [name for name in rows[0] if name.startswith("ece15_")]
-    mean: Row = {"lost": "one of the three, mean"}
+    mean: Row = {"lost": "any one (mean)"}
     mean.update({name: float(np.mean([row[name] for row in rows[1:]])) for name in [*means, "noise_floor"]})
     mean["ratio"] = mean["ece15_own_isotonic"] / mean["ece15_global_temperature"]
     mean["ratio_temperature"] = mean["ece15_own_temperature"] / mean["ece15_global_temperature"]
