@@ -83,7 +83,9 @@ def synthetic_sections(work: Path, plan: Plan, workers: int, comparators: bool, 
     """E1 to E5 on simulated wearers, networks in parallel."""
     work.mkdir(parents=True, exist_ok=True)
     seeds = [(part, seed) for part, own in plan.seeds().items() for seed in own]
-    kinds = ["gru", "taught", "overfit", *(["member-1", "transformer", "member-2"] if comparators else [])]
+    # The longest first, so that no worker waits for the other at the end.
+    kinds = ["gru", *(["transformer"] if comparators else []), "taught", "overfit"]
+    kinds += ["member-1", "member-2"] if comparators else []
     say(f"recording {len(seeds)} simulated wearers, {plan.seconds:g} s each")
     _all(workers, "recording people", _record, [(plan, part, seed, work) for part, seed in seeds])
     say(f"training {len(kinds)} networks: {', '.join(kinds)} (their logs: {work}/network-*/train.csv)")
