@@ -26,6 +26,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+INTERRUPTED = 130  # the exit code of a program that Ctrl-C ended
+
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text")]
 Bus = Annotated[str | None, typer.Option("--bus", help="auto, vcan0, can0, or any python-can interface:channel")]
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="bridge.toml; the command line wins over it")]
@@ -323,9 +325,10 @@ def main() -> None:
     except InputError as error:
         typer.echo(f"hilbridge: {error}", err=True)
         sys.exit(2)
-    except KeyboardInterrupt:
-        typer.echo("hilbridge: interrupted", err=True)
-        sys.exit(130)
+    except SystemExit as ended:
+        if ended.code == INTERRUPTED:  # typer has caught Ctrl-C and says nothing
+            typer.echo("hilbridge: interrupted", err=True)
+        raise
 
 
 if __name__ == "__main__":

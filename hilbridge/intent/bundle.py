@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 import struct
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
@@ -21,7 +21,7 @@ from safetensors.numpy import load, save
 
 from hilbridge.errors import InputError
 from hilbridge.features.layout import LAYOUT_HASH, D
-from hilbridge.intent.calibration import Calibration, Method
+from hilbridge.intent.calibration import ALL_VALID, Calibration, Method
 from hilbridge.intent.gru import Weights
 from hilbridge.verbs import VERBS
 
@@ -93,8 +93,7 @@ def save_bundle(bundle: Bundle, path: Path) -> Path:
             "method": str(calibration.method),
             "temperatures": {str(mask): value for mask, value in sorted(calibration.temperatures.items())},
             "platt": list(calibration.platt),
-            "isotonic_x": list(calibration.isotonic_x),
-            "isotonic_y": list(calibration.isotonic_y),
+            "isotonic": {str(mask): [list(x), list(y)] for mask, (x, y) in sorted(calibration.isotonic.items())},
         },
         "thresholds": {"tau_on": bundle.thresholds.tau_on, "tau_off": bundle.thresholds.tau_off},
         "provenance": dict(bundle.provenance),
@@ -194,6 +193,8 @@ def _assemble(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any], 
         raise BundleError(f"window of {window_steps!r} steps, expected 2 to 250")
     floats = {name: np.ascontiguousarray(array, dtype=np.float32) for name, array in arrays.items()}
     raw = metadata["calibration"]
+    # Bundles written before there was a curve per set of modalities have one for all.
+    curves = raw.get("isotonic") or {str(ALL_VALID): (raw["isotonic_x"], raw["isotonic_y"])}
     return Bundle(
         Weights(**{name: floats[name] for name in TENSORS}),
         floats["mean"],
@@ -203,10 +204,13 @@ def _assemble(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any], 
             Method(raw["method"]),
             {int(mask): float(value) for mask, value in raw["temperatures"].items()},
             (float(raw["platt"][0]), float(raw["platt"][1])),
-            tuple(float(number) for number in raw["isotonic_x"]),
-            tuple(float(number) for number in raw["isotonic_y"]),
+            {int(mask): (_floats(x), _floats(y)) for mask, (x, y) in curves.items()},
         ),
         Thresholds(float(metadata["thresholds"]["tau_on"]), float(metadata["thresholds"]["tau_off"])),
         dict(metadata["provenance"]),
         bundle_id,
     )
+
+
+def _floats(numbers: Sequence[Any]) -> tuple[float, ...]:
+    return tuple(float(number) for number in numbers)

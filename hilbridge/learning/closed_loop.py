@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterable, Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,7 +14,7 @@ from numpy.typing import NDArray
 from hilbridge.core.gate import GateConfig
 from hilbridge.features.layout import D
 from hilbridge.intent.bundle import Bundle
-from hilbridge.intent.calibration import ALL_VALID, Calibration, Method, softmax
+from hilbridge.intent.calibration import ALL_VALID, Method, softmax
 from hilbridge.intent.gru import StreamingGru
 from hilbridge.intent.tremor import TremorGuard
 from hilbridge.learning import metrics
@@ -93,9 +94,7 @@ def closed_loop_table(pooled: Pooled) -> list[Row]:
     for method in (Method.NONE, Method.ISOTONIC):
         loops = []
         for fold, calibration in zip(pooled.folds, pooled.calibrations, strict=True):
-            chosen = Calibration(
-                method, calibration.temperatures, calibration.platt, calibration.isotonic_x, calibration.isotonic_y
-            )
+            chosen = replace(calibration, method=method)
             loops.append((_fold_stream(fold), estimates(fold["stream_logits"], chosen, ALL_VALID)))
         for tau in TAUS:
             config = GateConfig(tau_on=tau, tau_off=tau - 0.1)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import os
+import signal
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -17,7 +19,7 @@ from hilbridge.intent.calibration import Method
 from hilbridge.learning import tables
 from hilbridge.learning.certify_study import study
 from hilbridge.learning.closed_loop import closed_loop_table, history_loop_table, runtime_table, tremor_table
-from hilbridge.learning.experiments import Plan, people, run_network
+from hilbridge.learning.experiments import Plan, network_path, people, run_network
 from hilbridge.learning.real_sections import real_sections
 from hilbridge.learning.report import Section, as_row, curve_figure, reliability_figure, write_report
 from hilbridge.learning.targets import target_section
@@ -25,6 +27,11 @@ from hilbridge.wearer.timeline import DEMO
 
 Say = Callable[[str], None]
 TREMOR_SEEDS = range(60, 66)
+ABLATION_NOTE = (
+    "Calibrators fitted anew for this set of valid modalities (own) against those fitted with all of them (global), the same "
+    "calibration people. ratio: isotonic, own, over the global temperature; ratio temperature: the same of two temperatures. "
+    "A ratio says little where the global temperature is near the noise floor already."
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,9 +70,11 @@ def evaluate(
         else real_sections(Path(data), say)
     )
     minutes = (time.perf_counter() - start) / 60.0
-    facts = {"data": data, "minutes": round(minutes, 1)}
+    facts = {"data": data, "minutes of this run": round(minutes, 1)}
     if data == "synthetic":
-        facts["people to train, validate, test"] = f"{plan.training}, {plan.validation}, {plan.test}"
+        facts["people to train, stop, calibrate, test"] = ", ".join(
+            str(count) for count in (plan.training, plan.validation, plan.calibration, plan.test)
+        )
     report = write_report(out, f"hilbridge evaluation: {data}", sections, facts)
     return Evaluation(report, tuple(sections), minutes)
 
@@ -74,44 +83,57 @@ def synthetic_sections(work: Path, plan: Plan, workers: int, comparators: bool, 
     """E1 to E5 on simulated wearers, networks in parallel."""
     work.mkdir(parents=True, exist_ok=True)
     seeds = [(part, seed) for part, own in plan.seeds().items() for seed in own]
-    kinds = ["gru", "overfit", *(["member-1", "transformer", "member-2"] if comparators else [])]
+    # The longest first, so that no worker waits for the other at the end.
+    kinds = ["gru", *(["transformer"] if comparators else []), "taught", "overfit"]
+    kinds += ["member-1", "member-2"] if comparators else []
     say(f"recording {len(seeds)} simulated wearers, {plan.seconds:g} s each")
-    _all(workers, "recording people", [delayed(_record)(plan, part, seed, work) for part, seed in seeds])
-    say(f"training {len(kinds)} networks: {', '.join(kinds)} (their logs: {work}/NETWORK/train.csv)")
-    done = _all(workers, "training networks", [delayed(run_network)(plan, work, kind) for kind in kinds])
-    paths = {path.stem.removeprefix("network-"): path for path in done}
+    _all(workers, "recording people", _record, [(plan, part, seed, work) for part, seed in seeds])
+    say(f"training {len(kinds)} networks: {', '.join(kinds)} (their logs: {work}/network-*/train.csv)")
+    _all(workers, "training networks", run_network, [(plan, work, kind) for kind in kinds])
 
     def kept(*wanted: str) -> list[tables.Fold]:
-        return tables.load_folds([paths[kind] for kind in wanted if kind in paths])
+        return tables.load_folds([network_path(plan, work, kind) for kind in wanted])
 
     say("judging")
-    pooled, overfit = tables.Pooled(kept("gru")), tables.Pooled(kept("overfit"))
+    pooled, taught, overfit = (tables.Pooled(kept(kind)) for kind in ("gru", "taught", "overfit"))
     members = {"transformer": kept("transformer"), "ensemble": kept("member-1", "member-2")} if comparators else {}
     sections = [
-        *_calibration_sections(pooled, overfit),
-        *_selective_sections(pooled),
+        *_calibration_sections(pooled, taught, overfit),
+        *_selective_sections(pooled, taught),
         *_other_sections(pooled, members, plan, say),
     ]
     return [target_section(sections), *sections]
 
 
-def _all(workers: int, what: str, jobs: Sequence[Any]) -> list[Any]:
-    """Run joblib jobs with a progress bar on stderr; the results in any order."""
+def _all(workers: int, what: str, function: Callable[..., Any], jobs: Sequence[tuple[Any, ...]]) -> list[Any]:
+    """Run `function` on each job's arguments with a progress bar on stderr; the results in any order.
+
+    Ctrl-C reaches every process of a terminal: only this one answers, and takes its workers with it.
+    """
     made = []
+    run = delayed(_undisturbed)
     columns = [TextColumn("{task.description}"), BarColumn(24), MofNCompleteColumn(), TimeElapsedColumn()]
     with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task(what, total=len(jobs))
-        for result in Parallel(n_jobs=workers, return_as="generator_unordered")(jobs):
+        calls = [run(os.getpid(), function, arguments) for arguments in jobs]
+        for result in Parallel(n_jobs=workers, return_as="generator_unordered")(calls):
             made.append(result)
             bar.advance(task)
     return made
+
+
+def _undisturbed(parent: int, function: Callable[..., Any], arguments: tuple[Any, ...]) -> Any:
+    """Call `function` in a worker that leaves Ctrl-C to its parent; with one worker that is the parent itself."""
+    if os.getpid() != parent:
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    return function(*arguments)
 
 
 def _record(plan: Plan, part: str, seed: int, work: Path) -> None:
     people(plan, part, work, [seed])
 
 
-def _calibration_sections(pooled: tables.Pooled, overfit: tables.Pooled) -> list[Section]:
+def _calibration_sections(pooled: tables.Pooled, taught: tables.Pooled, overfit: tables.Pooled) -> list[Section]:
     right = pooled.right()
     diagram = reliability_figure({str(method): (pooled.confidence(method), right) for method in Method})
     wrong = overfit.right()
@@ -121,16 +143,18 @@ def _calibration_sections(pooled: tables.Pooled, overfit: tables.Pooled) -> list
             "baseline",
             "Baseline accuracy",
             "synthetic",
-            tables.baseline(pooled),
-            "2 s windows ending 0.52 s before onset; intervals by subject. "
-            "Bayes knows what the simulated person shows and how clearly; no network can do better on these windows.",
+            tables.baseline(pooled, taught),
+            "2 s windows ending 0.52 s before onset; intervals by subject. Bayes knows what the simulated person shows and "
+            "how clearly; from this preparation alone nothing does better. What of it can be reached from these windows and "
+            "sensors of people never met lies between Bayes and the same network taught by Bayes: trained on the same "
+            "people, half as long, on the best possible belief before each action instead of the one verb that followed.",
         ),
         Section(
             "e1_calibration",
             "E1: calibration",
             "synthetic",
             tables.calibration_table(pooled),
-            "Calibrators fitted on the validation people, judged on the test people.",
+            "Calibrators fitted on people of their own, judged on the test people.",
             diagram,
         ),
         Section(
@@ -146,8 +170,14 @@ def _calibration_sections(pooled: tables.Pooled, overfit: tables.Pooled) -> list
             "E2: one modality lost",
             "synthetic",
             tables.ablation_table(pooled),
-            "One temperature per set of valid modalities against the single one fitted with all of them. The ratio says "
-            "little where the global temperature is near its own noise floor already.",
+            ABLATION_NOTE,
+        ),
+        Section(
+            "e2_overfit",
+            "E2: one modality lost, the overfitted network (no modality dropout)",
+            "synthetic",
+            tables.ablation_table(overfit),
+            ABLATION_NOTE,
         ),
         Section(
             "e2_curvature",
@@ -159,8 +189,8 @@ def _calibration_sections(pooled: tables.Pooled, overfit: tables.Pooled) -> list
     ]
 
 
-def _selective_sections(pooled: tables.Pooled) -> list[Section]:
-    selective = tables.selective_table(pooled)
+def _selective_sections(pooled: tables.Pooled, taught: tables.Pooled) -> list[Section]:
+    selective = tables.selective_table(pooled, taught)
     lines = {
         "GRU, isotonic": ([row["coverage"] for row in selective], [row["act_only_precision"] for row in selective]),
         "Bayes": ([row["coverage"] for row in selective], [row["bayes"] for row in selective]),
@@ -240,8 +270,8 @@ def _other_sections(
             "Laplace, MC dropout, transformer, ensemble",
             "synthetic",
             tables.comparator_table(pooled, members),
-            "What each costs a prediction is in E4. Transformer and the ensemble's two other members were trained for half "
-            "the epochs.",
+            "What each costs a prediction is in E4. Transformer and the ensemble's two other members were trained for a third "
+            "of the epochs.",
         ),
         Section(
             "certificates",

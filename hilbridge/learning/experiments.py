@@ -1,11 +1,12 @@
 """The synthetic benchmark: networks trained once and all they say about people they never saw, kept on disk.
 
-An interrupted run goes on with what is there. Training, validation and test people are different people; the test people
-prepare as unclearly as the paper's figures suggest, the training people more clearly (see `BENCHMARK_TRAINING`).
+An interrupted run goes on with what is there. People to train on, to stop by, to calibrate on and to test are different
+people; only those to train on prepare more clearly than the paper's figures suggest (see `BENCHMARK_TRAINING`).
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -15,6 +16,7 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from hilbridge.features.layout import LAYOUT_HASH
 from hilbridge.intent.calibration import ALL_VALID
 from hilbridge.learning.laplace import dropout_probabilities, last_layer_laplace
 from hilbridge.learning.network import GruNetwork, export_weights
@@ -28,22 +30,25 @@ from hilbridge.wearer.timeline import BENCHMARK, BENCHMARK_TRAINING
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
 
-HELD_SEED, TRAINING_SEED, REPLAY_SEED = 3_000, 4_000, 5_500
+VALIDATION_SEED, CALIBRATION_SEED, TEST_SEED, TRAINING_SEED, REPLAY_SEED = 3_000, 3_100, 3_300, 4_000, 5_500
+JUDGED = ("calibration", "test")
 LOSSES: tuple[tuple[Modality, ...], ...] = ((), (Modality.GAZE,), (Modality.HANDS,), (Modality.SCENE,))
 # What the network lacks on this benchmark is people, not capacity: 32 people left it 0.049 short of Bayes, 96 only 0.015.
-# At the paper's rate of 1e-3 the interaction of hands and scene is not found in the epochs there is time for.
+# At the paper's rate of 1e-3 the interaction of hands and scene is not found in the epochs there is time for; found at a
+# high rate, it is kept from learning the labels' noise by heart by a strong weight decay (decision 310).
 BENCHMARK_RECIPE = Recipe(
     hidden=128,
-    epochs=12,
+    epochs=24,
     windows_per_epoch=14_400,
-    learning_rate=3e-3,
-    weight_decay=0.03,
+    learning_rate=8e-3,
+    weight_decay=0.6,
     jitter=0.2,
     modality_dropout=0.05,
     dropout=0.1,
     label_smoothing=0.0,
     class_weight_power=0.0,
-    patience=9,
+    averaging=0.95,
+    patience=24,
 )
 # The paper's overconfidence, reproduced: no regularisation, few windows, no early stopping.
 OVERFIT_RECIPE = Recipe(
@@ -68,7 +73,8 @@ class Plan:
 
     training: int = 112
     validation: int = 16
-    test: int = 32
+    calibration: int = 48
+    test: int = 48
     seconds: float = 900.0
     replayed: int = 24
     stream_seconds: float = 60.0
@@ -81,8 +87,9 @@ class Plan:
         """The people of each part; nobody is in two of them."""
         return {
             "training": range(TRAINING_SEED, TRAINING_SEED + self.training),
-            "validation": range(HELD_SEED, HELD_SEED + self.validation),
-            "test": range(HELD_SEED + self.validation, HELD_SEED + self.validation + self.test),
+            "validation": range(VALIDATION_SEED, VALIDATION_SEED + self.validation),
+            "calibration": range(CALIBRATION_SEED, CALIBRATION_SEED + self.calibration),
+            "test": range(TEST_SEED, TEST_SEED + self.test),
             "validation_stream": range(REPLAY_SEED, REPLAY_SEED + self.replayed),
             "stream": range(REPLAY_SEED + self.replayed, REPLAY_SEED + 2 * self.replayed),
         }
@@ -106,31 +113,43 @@ def near_onset(stream: Stream) -> Ints:
     return np.asarray(ends[(stream.onset_steps[ends] >= 13) & (stream.onset_steps[ends] <= 19)])
 
 
-def run_network(plan: Plan, folder: Path, kind: str = "gru") -> Path:
-    """Train one network and keep all it says about people it has never seen. kind: gru, overfit, transformer or member-N.
+def network_path(plan: Plan, folder: Path, kind: str) -> Path:
+    """Where one network's answers are kept: another plan, other people or other features have another file."""
+    shape = replace(plan, certificates=0), BENCHMARK, BENCHMARK_TRAINING, LAYOUT_HASH
+    return folder / f"network-{kind}.{hashlib.sha256(repr(shape).encode()).hexdigest()[:10]}.npz"
 
-    The file has, for `validation` and `test`: labels, subject, bayes, and logits without each loss of LOSSES.
+
+def run_network(plan: Plan, folder: Path, kind: str = "gru") -> Path:
+    """Train one network and keep all it says about people it has never seen.
+
+    kind: gru, overfit, transformer, member-N, or taught (by the best possible belief: what these windows let through).
+    The file has, for each part of JUDGED: labels, subject, bayes, and logits without each loss of LOSSES.
     """
-    path = folder / f"network-{kind}.npz"
+    path = network_path(plan, folder, kind)
     if path.is_file():
         return path
-    recipe = {"overfit": plan.overfit, "transformer": replace(plan.recipe, architecture="transformer")}.get(
-        kind, plan.recipe
-    )
+    special = {
+        "overfit": plan.overfit,
+        # Attention does not learn at the GRU's rate: the paper's.
+        "transformer": replace(plan.recipe, architecture="transformer", learning_rate=1e-3, weight_decay=1e-2),
+        "taught": replace(plan.recipe, taught=True),
+    }
+    recipe = special.get(kind, plan.recipe)
     if kind.startswith("member-"):
         recipe = replace(recipe, seed=int(kind.removeprefix("member-")))
-    if kind not in ("gru", "overfit"):
-        recipe = replace(recipe, epochs=max(1, recipe.epochs // 2))
-    parts = {part: people(plan, part, folder) for part in ("validation", "test")}
+    # So that everything stays affordable; without the labels' noise half the epochs do as well.
+    share = {"gru": 1, "overfit": 1, "taught": 2}.get(kind, 3)
+    recipe = replace(recipe, epochs=max(1, recipe.epochs // share))
+    parts = {part: people(plan, part, folder) for part in ("validation", *JUDGED)}
     seeds = plan.seeds()["training"]
     parts["training"] = people(plan, "training", folder, seeds[: plan.overfit_people] if kind == "overfit" else seeds)
     ends = onset_ends(parts["training"]) if kind == "overfit" else near_onset(parts["training"])
     judged = onset_ends(parts["validation"])
-    trained = fit_network(recipe, parts["training"], parts["validation"], folder / kind, ends, judged)
+    trained = fit_network(recipe, parts["training"], parts["validation"], path.with_suffix(""), ends, judged)
     if kind == "overfit":
         trained = _last_epoch(trained)
     kept: dict[str, NDArray[Any]] = {}
-    for part in ("validation", "test"):
+    for part in JUDGED:
         kept.update(_judged(trained, parts[part], part))
     if kind == "gru":
         kept.update(_extras(plan, folder, trained, parts))
@@ -171,8 +190,8 @@ def _extras(plan: Plan, folder: Path, trained: Trained, parts: dict[str, Stream]
         near_onset(parts["training"])[::8],
         test,
         ends,
-        parts["validation"],
-        onset_ends(parts["validation"]),
+        parts["calibration"],
+        onset_ends(parts["calibration"]),
     )
     kept: dict[str, NDArray[Any]] = {}
     for prefix in ("stream", "validation_stream"):
@@ -180,10 +199,10 @@ def _extras(plan: Plan, folder: Path, trained: Trained, parts: dict[str, Stream]
         kept.update({f"{prefix}_{name}": value for name, value in stream_arrays(stream).items()})
         kept[f"{prefix}_logits"] = stream_logits(weights, stream, trained.statistics)
     kept["laplace_probabilities"] = laplace.probabilities
-    kept["laplace_validation"] = laplace.validation
+    kept["laplace_calibration"] = laplace.calibration
     kept["laplace_prior"] = np.array([laplace.prior_precision])
     kept["dropout_probabilities"] = dropout_probabilities(trained, test, ends)
-    kept["dropout_validation"] = dropout_probabilities(trained, parts["validation"], onset_ends(parts["validation"]))
+    kept["dropout_calibration"] = dropout_probabilities(trained, parts["calibration"], onset_ends(parts["calibration"]))
     for layer, value in laplace.curvature.items():
         kept[f"curvature_{layer}"] = np.array(value)
     torch.set_num_threads(1)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 from sklearn.isotonic import IsotonicRegression
 
-from hilbridge.intent.calibration import ALL_VALID, ISOTONIC_CAP, Calibration, Method, softmax
+from hilbridge.intent.calibration import ALL_VALID, ISOTONIC_CAP, Calibration, Knots, Method, softmax
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -48,7 +48,7 @@ def fit_platt(logits: Floats, labels: Ints) -> tuple[float, float]:
     return float(slope), float(offset)
 
 
-def fit_isotonic(confidence: Floats, right: NDArray[np.bool_]) -> tuple[tuple[float, ...], tuple[float, ...]]:
+def fit_isotonic(confidence: Floats, right: NDArray[np.bool_]) -> Knots:
     """Knots of a rising map from confidence to the chance of being right, at most 0.99.
 
     Windows are pooled into groups of at least 40 first and each group is pulled towards its own confidence by four
@@ -68,12 +68,14 @@ def fit_isotonic(confidence: Floats, right: NDArray[np.bool_]) -> tuple[tuple[fl
 
 
 def fit_calibration(logits_by_mask: Mapping[int, tuple[Floats, Ints]], method: Method) -> Calibration:
-    """All calibrators from held-out logits and labels, one temperature per set of valid modalities.
+    """All calibrators from held-out logits and labels; temperature and isotonic for each set of valid modalities.
 
-    logits_by_mask: mask -> ((N, K), (N,)); ALL_VALID must be there: Platt and isotonic are fitted on it.
+    logits_by_mask: mask -> ((N, K), (N,)); ALL_VALID must be there: Platt is fitted on it.
     """
-    temperatures = {mask: fit_temperature(*pair) for mask, pair in logits_by_mask.items()}
-    logits, labels = logits_by_mask[ALL_VALID]
-    scaled = softmax(np.asarray(logits, dtype=np.float64) / temperatures[ALL_VALID])
-    x, y = fit_isotonic(scaled.max(axis=1), scaled.argmax(axis=1) == labels)
-    return Calibration(method, temperatures, fit_platt(logits, labels), x, y)
+    temperatures: dict[int, float] = {}
+    isotonic: dict[int, Knots] = {}
+    for mask, (logits, labels) in logits_by_mask.items():
+        temperatures[mask] = fit_temperature(logits, labels)
+        top = softmax(np.asarray(logits, dtype=np.float64) / temperatures[mask]).max(axis=1)
+        isotonic[mask] = fit_isotonic(top, logits.argmax(axis=1) == labels)
+    return Calibration(method, temperatures, fit_platt(*logits_by_mask[ALL_VALID]), isotonic)

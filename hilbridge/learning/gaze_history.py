@@ -150,9 +150,7 @@ def real_windows(root: Path, recipe: Recipe = GAZE_RECIPE, say: Callable[[str], 
             parts["sensors"].append(turn.posterior[name])
             parts["marginal"].append(np.tile(overall, (len(labels[name]), 1)))
             for method in Method:
-                chosen = replace(fitted, method=method)
-                made = [chosen.apply(row, ALL_VALID)[2] for row in turn.logits[name]]
-                confidence[method].append(np.array(made, dtype=np.float64))
+                confidence[method].append(replace(fitted, method=method).confidence(turn.logits[name], ALL_VALID))
         tested.extend(turn.test)
     pooled = {key: np.concatenate(value) for key, value in parts.items()}
     valid = np.concatenate([streams[name][0].valid for name in names])

@@ -22,13 +22,13 @@ PRIOR_PRECISIONS = (1.0, 3.0, 10.0, 30.0, 100.0, 300.0, 1000.0)
 
 @dataclass(frozen=True, slots=True)
 class Laplace:
-    """probabilities (N, K) on the test windows, validation (M, K) on the others; prior_precision chosen by validation NLL.
+    """probabilities (N, K) on the test windows, calibration (M, K) on the others; prior_precision chosen by calibration NLL.
 
     curvature: mean squared gradient per parameter of each layer (diagonal Fisher), the paper's E2 figure.
     """
 
     probabilities: Floats
-    validation: Floats
+    calibration: Floats
     prior_precision: float
     curvature: dict[str, float]
 
@@ -52,8 +52,8 @@ def last_layer_laplace(
     fitting_ends: Ints,
     test: Stream,
     test_ends: Ints,
-    validation: Stream,
-    validation_ends: Ints,
+    calibration: Stream,
+    calibration_ends: Ints,
 ) -> Laplace:
     """Gaussian posterior of the last layer, one Kronecker factor per class block; MacKay's probit approximation.
 
@@ -66,7 +66,7 @@ def last_layer_laplace(
     ).astype(np.float64)
     p = softmax(hidden @ head.T)
     factors = [np.linalg.eigh((hidden * (p[:, k] * (1.0 - p[:, k]))[:, None]).T @ hidden) for k in range(head.shape[0])]
-    rows = {"test": pooled(trained, test, test_ends), "validation": pooled(trained, validation, validation_ends)}
+    rows = {"test": pooled(trained, test, test_ends), "calibration": pooled(trained, calibration, calibration_ends)}
 
     def predict(h: Floats, prior: float) -> Floats:
         logits = h @ head.T
@@ -76,11 +76,11 @@ def last_layer_laplace(
         )
         return softmax(logits / np.sqrt(1.0 + np.pi / 8.0 * variance) + trained.logit_offset)
 
-    labels = validation.label[validation_ends]
-    prior = min(PRIOR_PRECISIONS, key=lambda value: nll(predict(rows["validation"], value), labels))
+    labels = calibration.label[calibration_ends]
+    prior = min(PRIOR_PRECISIONS, key=lambda value: nll(predict(rows["calibration"], value), labels))
     return Laplace(
         predict(rows["test"], prior),
-        predict(rows["validation"], prior),
+        predict(rows["calibration"], prior),
         prior,
         curvature(trained, fitting, fitting_ends),
     )

@@ -27,7 +27,7 @@ STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; color: #1c2733; }
 table { border-collapse: collapse; margin: .6rem 0 1.4rem; font-size: 13px; display: block; overflow-x: auto; }
 th, td { border: 1px solid #cfd8e0; padding: .25rem .55rem; text-align: right; white-space: nowrap; }
-th { background: #eef3f7; } td:first-child, th:first-child { text-align: left; }
+th { background: #eef3f7; white-space: normal; vertical-align: bottom; } td:first-child, th:first-child { text-align: left; }
 .real { border-left: 5px solid #2b7a4b; padding-left: .8rem; }
 .synthetic { border-left: 5px solid #b8860b; padding-left: .8rem; }
 img { max-width: 100%; } .note { color: #55626f; }
@@ -162,7 +162,7 @@ def curve_figure(
         axis.plot(xs, ys, marker="o", markersize=3, label=name)
     for name, (px, py) in points.items():
         axis.scatter([px], [py], marker="x", color="k")
-        axis.annotate(name, (px, py), fontsize=7)
+        axis.annotate(name, (px, py), (6, -3), textcoords="offset points", fontsize=7)
     axis.set(xlabel=x, ylabel=y)
     axis.grid(alpha=0.3)
     axis.legend(fontsize=8)

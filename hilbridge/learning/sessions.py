@@ -25,6 +25,7 @@ from hilbridge.records import CameraFrame, GazeSample, HandTracks, StampSource
 from hilbridge.sensors.begaze import BegazeRecording, read_begaze
 from hilbridge.verbs import VERBS
 
+BEGAZE_FPS = 24.0
 LEAD_STEPS = 13  # 0.52 s: with onsets rounded to 40 ms a window never comes closer than the paper's 0.5 s
 Detector = Callable[[CameraFrame], HandTracks]
 PACKS = Path("feature_packs")
@@ -85,7 +86,7 @@ def load_features(
     recording = read_begaze(gaze) if gaze.is_file() else None
     if recording is None and video is None:
         raise DatasetError(f"{session}: no pack, gaze or video under {root}; give the session's files or leave it out")
-    steps = 0 if recording is None else int(recording.frame[-1] * RATE_HZ // 24) + 1
+    steps = 0 if recording is None else int(recording.frame[-1] * RATE_HZ // BEGAZE_FPS) + 1
     return session_features(steps if video is None else max(steps, _video_steps(video)), recording, video, detector)
 
 
@@ -94,22 +95,28 @@ def _video_steps(video: Path) -> int:
     try:
         if not capture.isOpened():
             raise DatasetError(f"{video}: cannot be opened as a video; check the file or leave the videos out")
-        return int(capture.get(cv2.CAP_PROP_FRAME_COUNT) * RATE_HZ // 24)
+        return int(capture.get(cv2.CAP_PROP_FRAME_COUNT) * RATE_HZ // _frames_per_second(capture))
     finally:
         capture.release()
+
+
+def _frames_per_second(capture: cv2.VideoCapture) -> float:
+    """The package's videos have 24, by which BeGaze counts (and 23.976 means the same frames); others go by their own."""
+    claimed = float(capture.get(cv2.CAP_PROP_FPS))
+    return claimed if 1.0 <= claimed <= 240.0 and abs(claimed - BEGAZE_FPS) > 0.5 else BEGAZE_FPS
 
 
 def gaze_steps(recording: BegazeRecording, steps: int) -> list[GazeSample]:
     """The newest sample at or before each 25 Hz step of the video's own time (frame / 24)."""
     # Samples share frames (30 Hz against 24): within one frame the later sample is the newer.
-    index = np.searchsorted(recording.frame / 24.0, np.arange(steps) / RATE_HZ + 1e-9, side="right") - 1
+    index = np.searchsorted(recording.frame / BEGAZE_FPS, np.arange(steps) / RATE_HZ + 1e-9, side="right") - 1
     made = []
     for step, position in enumerate(index):
         if position < 0:
             made.append(GazeSample(step * STEP_NS, 0.0, 0.0, False))
             continue
         # The stamp tells samples apart and is never later than the step; the video's frame is the finest true time.
-        stamp = min(step * STEP_NS, round(recording.frame[position] / 24.0 * 1e9) + int(position) % 2)
+        stamp = min(step * STEP_NS, round(recording.frame[position] / BEGAZE_FPS * 1e9) + int(position) % 2)
         made.append(
             GazeSample(
                 stamp,
@@ -153,13 +160,13 @@ def _frames(video: Path) -> Iterator[CameraFrame]:
     try:
         if not capture.isOpened():
             raise DatasetError(f"{video}: cannot be opened as a video; check the file or leave the videos out")
-        number = 0
+        number, per_second = 0, _frames_per_second(capture)
         while True:
             read, bgr = capture.read()
             if not read:
                 return
             rgb = np.ascontiguousarray(cv2.cvtColor(bgr, cv2.COLOR_BGR2RGB)).astype(np.uint8, copy=False)
-            yield CameraFrame(round(number / 24.0 * 1e9), rgb, number, StampSource.HARDWARE)
+            yield CameraFrame(round(number / per_second * 1e9), rgb, number, StampSource.HARDWARE)
             number += 1
     finally:
         capture.release()
@@ -168,8 +175,10 @@ def _frames(video: Path) -> Iterator[CameraFrame]:
 def write_pack(path: Path, values: NDArray[np.float32], valid: NDArray[np.bool_]) -> None:
     """Keep one session's features, so that videos are read once; the file is whole or not there."""
     path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_suffix(".partial.npz")
-    np.savez_compressed(partial, values=values, valid=valid)
+    # Not *.npz: what an interruption leaves behind must not be taken for a session.
+    partial = path.with_name(path.name + ".partial")
+    with partial.open("wb") as file:
+        np.savez_compressed(file, values=values, valid=valid)
     partial.replace(path)
 
 

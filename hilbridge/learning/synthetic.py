@@ -6,6 +6,7 @@ features shrink any picture to), so there is no second feature path that could d
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -113,9 +114,12 @@ def record_people(
 ) -> Stream:
     """Streams of many people, kept in `cache` (one npz per person) so that an interrupted run goes on where it was."""
     cut = "" if whole_seconds is None else f"-{whole_seconds:g}whole"
+    kind = hashlib.sha256(f"{LAYOUT_HASH} {difficulty}".encode()).hexdigest()[
+        :12
+    ]  # other features or people: not these
     parts = []
     for seed in seeds:
-        path = None if cache is None else cache / f"{difficulty.name}{cut}-{seed}-{seconds:g}s-{LAYOUT_HASH[:12]}.npz"
+        path = None if cache is None else cache / f"{difficulty.name}{cut}-{seed}-{seconds:g}s-{kind}.npz"
         if path is not None and path.is_file():
             with np.load(path) as stored:
                 part = Stream(*(stored[field.name] for field in fields(Stream)))

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -21,6 +22,7 @@ Ints = NDArray[np.int64]
 Row = dict[str, Any]
 Fold = Mapping[str, NDArray[Any]]
 MC_PASSES = 10
+REACHABLE = "taught by Bayes (the reachable part)"
 
 # The paper's figures are of EGTEA Gaze+ with hand and scene features that are not at hand here: another data set.
 PAPER: Mapping[str, Mapping[str, float]] = {
@@ -41,7 +43,7 @@ def load_folds(paths: Sequence[Path]) -> list[Fold]:
 
 
 class Pooled:
-    """Test windows of all folds with calibrators fitted on each fold's own validation people."""
+    """Test windows of all folds with calibrators fitted on each fold's own calibration people."""
 
     def __init__(self, folds: Sequence[Fold]) -> None:
         self.folds = folds
@@ -51,37 +53,27 @@ class Pooled:
         self.calibrations = [self._fit(fold) for fold in folds]
 
     def _fit(self, fold: Fold) -> Calibration:
-        labels = fold["validation_label"]
-        masks = {mask_of(lost): (fold[f"validation_logits_{mask_of(lost)}"], labels) for lost in LOSSES}
+        labels = fold["calibration_label"]
+        masks = {mask_of(lost): (fold[f"calibration_logits_{mask_of(lost)}"], labels) for lost in LOSSES}
         return fit_calibration(masks, Method.ISOTONIC)
 
     def logits(self, mask: int = ALL_VALID) -> Floats:
         """(N, K) test logits with the modalities of `mask`."""
         return np.concatenate([fold[f"test_logits_{mask}"] for fold in self.folds])
 
-    def probabilities(self, method: Method, mask: int = ALL_VALID, per_mask: bool = True) -> Floats:
-        """(N, K) after temperature (none for Method.NONE); per_mask False uses the temperature of all modalities."""
-        parts = []
+    def _each(self, method: Method, mask: int) -> Iterator[tuple[Calibration, Floats]]:
+        """Each fold's calibrators, set to `method`, and test logits with the modalities of `mask`."""
         for fold, calibration in zip(self.folds, self.calibrations, strict=True):
-            temperature = calibration.temperature(mask if per_mask else ALL_VALID)
-            parts.append(softmax(fold[f"test_logits_{mask}"] / (1.0 if method is Method.NONE else temperature)))
-        return np.concatenate(parts)
+            yield replace(calibration, method=method), fold[f"test_logits_{mask}"]
 
-    def confidence(self, method: Method, mask: int = ALL_VALID) -> Floats:
-        """(N,) calibrated confidence of the top class."""
-        if method in (Method.NONE, Method.TEMPERATURE):
-            return np.asarray(self.probabilities(method, mask).max(axis=1))
-        parts = []
-        for fold, calibration in zip(self.folds, self.calibrations, strict=True):
-            logits = fold[f"test_logits_{mask}"]
-            if method is Method.PLATT:
-                slope, offset = calibration.platt
-                top = logits.max(axis=1) - logits.mean(axis=1)
-                parts.append(0.5 * (1.0 + np.tanh(0.5 * (slope * top + offset))))
-            else:
-                top = softmax(logits / calibration.temperature(mask)).max(axis=1)
-                parts.append(np.interp(top, calibration.isotonic_x, calibration.isotonic_y))
-        return np.concatenate(parts)
+    def probabilities(self, method: Method, mask: int = ALL_VALID) -> Floats:
+        """(N, K) after this set's temperature (none for Method.NONE)."""
+        return np.concatenate([own.probabilities(logits, mask) for own, logits in self._each(method, mask)])
+
+    def confidence(self, method: Method, mask: int = ALL_VALID, per_mask: bool = True) -> Floats:
+        """(N,) calibrated confidence of the top class; per_mask False uses the calibrators of all modalities."""
+        used = mask if per_mask else ALL_VALID
+        return np.concatenate([own.confidence(logits, used) for own, logits in self._each(method, mask)])
 
     def right(self, mask: int = ALL_VALID) -> NDArray[np.bool_]:
         """(N,) whether the top class is the label; no calibrator changes it."""
@@ -106,12 +98,15 @@ def _precision_at(confidence: Floats, right: NDArray[np.bool_], coverage: float,
     return metrics.precision_at_coverage(confidence[index], right[index], coverage)
 
 
-def baseline(pooled: Pooled) -> list[Row]:
-    """Top-1 and Top-5 with intervals by subject, beside the best possible predictor on the same windows."""
-    right, bayes_right = pooled.right(), pooled.bayes.argmax(axis=1) == pooled.labels
-    logits = pooled.logits()
+def baseline(pooled: Pooled, taught: Pooled) -> list[Row]:
+    """Top-1 and Top-5 with intervals by subject, beside the best possible predictor on the same windows.
+
+    taught: a network that learnt from the best possible belief itself, see `experiments.run_network`.
+    """
+    predictors = (("GRU", pooled.logits()), (REACHABLE, taught.logits()), ("Bayes (best possible)", pooled.bayes))
     rows = []
-    for name, hits, scores in (("GRU", right, logits), ("Bayes (best possible)", bayes_right, pooled.bayes)):
+    for name, scores in predictors:
+        hits = scores.argmax(axis=1) == pooled.labels
         low, high = metrics.bootstrap(partial(_share, hits), pooled.subject)
         rows.append(
             {
@@ -159,27 +154,34 @@ def calibration_table(pooled: Pooled) -> list[Row]:
 
 
 def ablation_table(pooled: Pooled) -> list[Row]:
-    """E2: one modality lost at test time; ECE with one global temperature against one per set of modalities."""
+    """E2: one modality lost at test time; calibrators of this set of modalities against those fitted with all of them."""
     rows = []
     for lost in LOSSES:
         mask = mask_of(lost)
         right = pooled.right(mask)
-        one = pooled.probabilities(Method.TEMPERATURE, mask, per_mask=False).max(axis=1)
-        own = pooled.probabilities(Method.TEMPERATURE, mask).max(axis=1)
-        rows.append(
-            {
-                "lost": ", ".join(modality.name.lower() for modality in lost) or "nothing",
-                "top1": float(right.mean()),
-                "top5": metrics.top_k(pooled.logits(mask), pooled.labels, 5),
-                "ece15_global_temperature": metrics.ece(one, right),
-                "ece15_own_temperature": metrics.ece(own, right),
-                "ratio": metrics.ece(own, right) / metrics.ece(one, right),
-                "noise_floor": metrics.noise_floor(own),
-            }
-        )
+        row: Row = {
+            "lost": ", ".join(modality.name.lower() for modality in lost) or "nothing",
+            "top1": float(right.mean()),
+            "top5": metrics.top_k(pooled.logits(mask), pooled.labels, 5),
+            "mean_confidence_global_temperature": float(
+                pooled.confidence(Method.TEMPERATURE, mask, per_mask=False).mean()
+            ),
+        }
+        for method in (Method.TEMPERATURE, Method.ISOTONIC):
+            row[f"ece15_global_{method}"] = metrics.ece(pooled.confidence(method, mask, per_mask=False), right)
+        for method in (Method.TEMPERATURE, Method.ISOTONIC):
+            row[f"ece15_own_{method}"] = metrics.ece(pooled.confidence(method, mask), right)
+        row["ratio"] = row["ece15_own_isotonic"] / row["ece15_global_temperature"]
+        row["ratio_temperature"] = row["ece15_own_temperature"] / row["ece15_global_temperature"]
+        row["noise_floor"] = metrics.noise_floor(pooled.confidence(Method.ISOTONIC, mask))
+        rows.append(row)
+    means = [name for name in rows[0] if name.startswith("ece15_")]
+    mean: Row = {"lost": "any one (mean)"}
+    mean.update({name: float(np.mean([row[name] for row in rows[1:]])) for name in [*means, "noise_floor"]})
+    mean["ratio"] = mean["ece15_own_isotonic"] / mean["ece15_global_temperature"]
+    mean["ratio_temperature"] = mean["ece15_own_temperature"] / mean["ece15_global_temperature"]
     chance = float(np.bincount(pooled.labels).max() / len(pooled.labels))
-    rows.append({"lost": "everything (most frequent verb)", "top1": chance})
-    return rows
+    return [*rows, mean, {"lost": "everything (most frequent verb)", "top1": chance}]
 
 
 def curvature_table(pooled: Pooled) -> list[Row]:
@@ -193,11 +195,15 @@ def curvature_table(pooled: Pooled) -> list[Row]:
     ]
 
 
-def selective_table(pooled: Pooled) -> list[Row]:
+def _without_ties(pooled: Pooled) -> Floats:
+    """(N,) isotonic confidence, whose steps temperature breaks without changing their order."""
+    return pooled.confidence(Method.ISOTONIC) + 1e-6 * pooled.confidence(Method.TEMPERATURE)
+
+
+def selective_table(pooled: Pooled, taught: Pooled) -> list[Row]:
     """E3: act-only precision against coverage with intervals by subject, beside Bayes on the same windows."""
-    confidence, right = pooled.confidence(Method.ISOTONIC), pooled.right()
-    # Isotonic has steps: temperature breaks its ties without changing its order.
-    fine = confidence + 1e-6 * pooled.confidence(Method.TEMPERATURE)
+    fine, right = _without_ties(pooled), pooled.right()
+    taught_fine, taught_right = _without_ties(taught), taught.right()
     bayes_confidence = pooled.bayes.max(axis=1)
     bayes_right = pooled.bayes.argmax(axis=1) == pooled.labels
     paper = {0.5: 0.65, 0.25: 0.80}
@@ -210,6 +216,7 @@ def selective_table(pooled: Pooled) -> list[Row]:
                 "act_only_precision": metrics.precision_at_coverage(fine, right, coverage),
                 "low": low,
                 "high": high,
+                "taught_by_bayes": metrics.precision_at_coverage(taught_fine, taught_right, coverage),
                 "bayes": metrics.precision_at_coverage(bayes_confidence, bayes_right, coverage),
                 "paper (another data set)": paper.get(coverage),
             }
@@ -270,7 +277,7 @@ def comparator_table(pooled: Pooled, members: Mapping[str, Sequence[Fold]]) -> l
         )
 
     first = pooled.folds[0]
-    checked = first["validation_label"]
+    checked = first["calibration_label"]
     add("GRU, uncalibrated", pooled.probabilities(Method.NONE), labels, "1")
     add("GRU, temperature", pooled.probabilities(Method.TEMPERATURE), labels, "1")
     for key, name, passes in (
@@ -280,7 +287,7 @@ def comparator_table(pooled: Pooled, members: Mapping[str, Sequence[Fold]]) -> l
         made = np.concatenate([fold[f"{key}_probabilities"] for fold in pooled.folds])
         add(name, made, labels, passes)
         # Fair to the comparators: they may have a temperature too.
-        temperature = fit_temperature(_log(first[f"{key}_validation"]), checked)
+        temperature = fit_temperature(_log(first[f"{key}_calibration"]), checked)
         add(f"{name}, temperature", softmax(_log(made) / temperature), labels, passes)
     for name, folds in members.items():
         if not folds:
@@ -288,7 +295,7 @@ def comparator_table(pooled: Pooled, members: Mapping[str, Sequence[Fold]]) -> l
         parts = [first, *folds] if name == "ensemble" else list(folds)
         scaled = []
         for fold in parts:
-            temperature = fit_temperature(fold["validation_logits_7"], fold["validation_label"])
+            temperature = fit_temperature(fold["calibration_logits_7"], fold["calibration_label"])
             scaled.append(softmax(fold["test_logits_7"] / temperature))
         title = f"ensemble of {len(parts)}, temperature each" if name == "ensemble" else f"{name}, temperature"
         add(title, np.mean(scaled, axis=0), first["test_label"], str(len(parts)))

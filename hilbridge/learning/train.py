@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -31,7 +32,9 @@ class Recipe:
     windows_per_epoch: drawn anew each epoch. class_weight_power: 1 is the paper's inverse frequency, 0 no weights;
     whatever it is, the weights' effect on the probabilities is taken back exactly by adding log(1 / w) to the logits.
     jitter: standard deviation of an offset added to a whole window's z-scores, drawn per window and feature: another
-    person's kitchen looks and lies a little differently. patience: epochs without a better validation NLL.
+    person's kitchen looks and lies a little differently. averaging: decay per batch of the moving average of the weights
+    that is judged and kept (0: the weights themselves). patience: epochs without a better validation NLL. taught: learn
+    from the best possible belief instead of the verb that followed (only simulated people have one).
     """
 
     architecture: str = "gru"
@@ -48,7 +51,9 @@ class Recipe:
     class_weight_power: float = 0.5
     modality_dropout: float = 0.3
     jitter: float = 0.3
+    averaging: float = 0.0
     patience: int = 4
+    taught: bool = False
     seed: int = 0
     threads: int = 1
 
@@ -105,14 +110,15 @@ def fit_network(
     network = build(recipe)
     optimiser = torch.optim.AdamW(network.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, recipe.epochs)
-    state = _Progress(recipe, network, optimiser, schedule, folder)
+    average = deepcopy(network)
+    state = _Progress(recipe, network, average, optimiser, schedule, folder)
     task = progress.add_task(f"training {recipe.architecture}", total=recipe.epochs) if progress else None
     for epoch in range(state.resume(), min(recipe.epochs, stop_after or recipe.epochs)):
         if state.since_best >= recipe.patience:
             break
-        loss = _epoch(recipe, network, optimiser, training, ends, statistics, weights, epoch)
+        loss = _epoch(recipe, network, average, optimiser, training, ends, statistics, weights, epoch)
         schedule.step()
-        logits = predict_logits(network, validation, judged, statistics) + offset
+        logits = predict_logits(average, validation, judged, statistics) + offset
         labels = validation.label[judged]
         top1 = float((logits.argmax(axis=1) == labels).mean())
         # A common factor of the logits is calibration's to remove: judge what will be left after it.
@@ -122,7 +128,7 @@ def fit_network(
             progress.update(task, completed=epoch + 1, description=f"validation NLL {state.best:.3f}")
     if progress is not None and task is not None:
         progress.update(task, completed=recipe.epochs)
-    last = {name: value.clone() for name, value in network.state_dict().items()}
+    last = {name: value.clone() for name, value in average.state_dict().items()}
     network.load_state_dict(state.best_weights)
     network.eval()
     return Trained(network, statistics, offset, tuple(state.history), last)
@@ -149,6 +155,7 @@ def predict_logits(
 def _epoch(
     recipe: Recipe,
     network: Network,
+    average: Network,
     optimiser: torch.optim.Optimizer,
     training: Stream,
     ends: NDArray[np.int64],
@@ -170,15 +177,22 @@ def _epoch(
         if recipe.jitter > 0.0:
             x += (x != 0.0) * rng.normal(0.0, recipe.jitter, size=(len(part), 1, x.shape[2])).astype(np.float32)
         logits = network(torch.from_numpy(x), torch.from_numpy(usable))
-        loss = functional.cross_entropy(
-            logits, torch.from_numpy(training.label[part]), weight, label_smoothing=recipe.label_smoothing
-        )
+        target = torch.from_numpy((training.bayes if recipe.taught else training.label)[part])
+        loss = functional.cross_entropy(logits, target, weight, label_smoothing=recipe.label_smoothing)
         optimiser.zero_grad()
         loss.backward()  # type: ignore[no-untyped-call]
         torch.nn.utils.clip_grad_norm_(network.parameters(), recipe.clip_norm)
         optimiser.step()
+        _follow(average, network, recipe.averaging)
         losses.append(float(loss.detach()))
     return float(np.mean(losses))
+
+
+def _follow(average: Network, network: Network, decay: float) -> None:
+    """One step of the exponential moving average of the weights."""
+    with torch.no_grad():
+        for kept, newest in zip(average.parameters(), network.parameters(), strict=True):
+            kept.lerp_(newest, 1.0 - decay)
 
 
 class _Progress:
@@ -188,11 +202,13 @@ class _Progress:
         self,
         recipe: Recipe,
         network: Network,
+        average: Network,
         optimiser: torch.optim.Optimizer,
         schedule: torch.optim.lr_scheduler.LRScheduler,
         folder: Path | None,
     ) -> None:
-        self._recipe, self._network, self._optimiser, self._schedule = recipe, network, optimiser, schedule
+        self._recipe, self._network, self._average = recipe, network, average
+        self._optimiser, self._schedule = optimiser, schedule
         self._folder = folder
         self.history: list[dict[str, float]] = []
         self.best = float("inf")
@@ -203,7 +219,7 @@ class _Progress:
         self.history.append(row)
         if row["validation_nll"] < self.best:
             self.best, self.since_best = row["validation_nll"], 0
-            self.best_weights = {name: value.clone() for name, value in self._network.state_dict().items()}
+            self.best_weights = {name: value.clone() for name, value in self._average.state_dict().items()}
         else:
             self.since_best += 1
         if self._folder is not None:
@@ -218,6 +234,7 @@ class _Progress:
         if stored["recipe"] != json.dumps(asdict(self._recipe), sort_keys=True):
             return 0
         self._network.load_state_dict(stored["network"])
+        self._average.load_state_dict(stored["average"])
         self._optimiser.load_state_dict(stored["optimiser"])
         self._schedule.load_state_dict(stored["schedule"])
         self.history, self.best = stored["history"], stored["best"]
@@ -232,6 +249,7 @@ class _Progress:
                 "recipe": json.dumps(asdict(self._recipe), sort_keys=True),
                 "epoch": epoch,
                 "network": self._network.state_dict(),
+                "average": self._average.state_dict(),
                 "optimiser": self._optimiser.state_dict(),
                 "schedule": self._schedule.state_dict(),
                 "history": self.history,

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from bisect import bisect_right
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,6 +67,20 @@ class ArmIntention:
 
     angle_deg: float
     velocity_deg_s: float
+
+
+# A fixation lasts nine steps of 25 Hz and a blink four: making their random generators anew each time would take a tenth
+# of all recording.
+@lru_cache(maxsize=64)
+def _fixation(seed: int, number: int) -> tuple[float, int, int]:
+    """How attentive (0..1) the eyes are in this fixation, and the slot they wander to when not, or when idle."""
+    rng, idle = (np.random.default_rng([seed, 4, number]) for _ in range(2))
+    return float(rng.uniform()), int(rng.integers(len(SLOTS))), int(idle.integers(len(SLOTS)))
+
+
+@lru_cache(maxsize=64)
+def _blinks(seed: int, number: int) -> bool:
+    return bool(np.random.default_rng([seed, 5, number]).uniform() < 0.03)
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,16 +145,16 @@ class Wearer:
     def gaze(self, t_ns: int) -> GazeSample:
         """Point of regard: rests on the object in use, wanders when idle, jumps between fixations, blinks at times."""
         noise = self._noise(3, t_ns)
-        fixation = np.random.default_rng([self._seed, 4, t_ns // (380 * MS)])
+        attention, after_it, elsewhere = _fixation(self._seed, t_ns // (380 * MS))
         segment = self._segment(t_ns)
         # The eyes lead: they are on the object 200 ms after the intention forms, and glance away now and then.
         busy = segment.event is not None and t_ns - segment.from_ns > 200 * MS
-        if busy and segment.event is not None and fixation.uniform() < 0.8:
+        if busy and segment.event is not None and attention < 0.8:
             x, y = self._object(segment.event)
         else:
-            x, y = SLOTS[int(fixation.integers(len(SLOTS)))]
+            x, y = SLOTS[after_it if busy else elsewhere]
         sway = self._sway(t_ns)
-        blink = np.random.default_rng([self._seed, 5, t_ns // (160 * MS)]).uniform() < 0.03
+        blink = _blinks(self._seed, t_ns // (160 * MS))
         return GazeSample(
             t_ns,
             float(x + sway[0] + self._gaze_bias[0] + noise[0] * 0.006),

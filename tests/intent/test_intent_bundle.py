@@ -1,6 +1,7 @@
 import contextlib
 import json
 import struct
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -51,6 +52,19 @@ def test_what_is_saved_is_what_is_loaded(tmp_path):
     assert again.calibration == bundle.calibration
     assert again.thresholds == bundle.thresholds
     assert [path.name for path in (tmp_path / "deep").iterdir()] == ["b.safetensors"]
+
+
+def test_a_curve_for_each_set_of_modalities_is_kept_and_older_bundles_have_one_for_all(tmp_path):
+    bundle = load_bundle(demo_bundle_path())
+    assert set(bundle.calibration.isotonic) == {7}
+    curves = {mask: ((0.0, 1.0), (0.0, 0.1 * mask)) for mask in range(1, 8)}
+    renewed = replace(bundle, calibration=replace(bundle.calibration, isotonic=curves))
+    path = save_bundle(renewed, tmp_path / "b.safetensors")
+    assert load_bundle(path).calibration.isotonic == curves
+    tensors, metadata = parts()
+    for wrong in ({"9": [[0, 1], [0, 1]]}, {"7": [[0, 1]]}, {"7": 3}, ["7"]):
+        metadata["calibration"]["isotonic"] = wrong
+        refused(write(tmp_path / "c", tensors, metadata), "unusable bundle")
 
 
 def test_absent_folder_empty_and_foreign_files_are_refused(tmp_path):

@@ -13,7 +13,9 @@ from hilbridge.learning.egtea import DatasetError, load_actions, normalise_verb,
 from hilbridge.learning.sessions import (
     folds,
     gaze_steps,
+    load_features,
     read_pack,
+    recorded_sessions,
     session_features,
     session_stream,
     write_pack,
@@ -197,14 +199,40 @@ def test_gaze_is_aligned_on_video_frames_never_from_the_future():
     assert all(step * 40_000_000 - sample.captured_ns <= 42_000_000 for step, sample in enumerate(steps))
 
 
-def test_a_video_goes_through_the_same_chain_and_packs_keep_it(tmp_path):
+def video_at(path: Path, fps: float, frames: int) -> Path:
     import cv2
 
-    video = tmp_path / "v.avi"
-    writer = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*"MJPG"), 24.0, (96, 72))
-    for number in range(48):
-        writer.write(np.full((72, 96, 3), (number * 5, 40, 200), dtype=np.uint8))
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), fps, (96, 72))
+    for number in range(frames):
+        writer.write(np.full((72, 96, 3), (number * 255 // frames, 40, 200), dtype=np.uint8))
     writer.release()
+    return path
+
+
+@pytest.mark.parametrize("fps", [24.0, 23.976, 30.0, 60.0])
+def test_a_video_is_read_in_its_own_time_and_one_of_24_frames_a_second_in_begazes(tmp_path, fps):
+    (tmp_path / "videos").mkdir()
+    video_at(tmp_path / "videos" / "P1.avi", fps, round(4 * fps))
+    values, valid = load_features(tmp_path, "P1")
+    assert len(values) == pytest.approx(100, abs=1)
+    # The picture keeps changing to the last second: frames are spread over the whole of it.
+    assert not np.array_equal(values[97, PATCH], values[80, PATCH])
+    assert valid[:, 2].all()
+
+
+def test_what_an_interruption_leaves_behind_is_no_session(tmp_path, monkeypatch):
+    def interrupted(file, **_):
+        file.write(b"half")
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(np, "savez_compressed", interrupted)
+    with pytest.raises(KeyboardInterrupt):
+        write_pack(tmp_path / "feature_packs" / "P1.npz", np.zeros((3, D), np.float32), np.ones((3, 3), bool))
+    assert recorded_sessions(tmp_path) == []
+
+
+def test_a_video_goes_through_the_same_chain_and_packs_keep_it(tmp_path):
+    video = video_at(tmp_path / "v.avi", 24.0, 48)
     values, valid = session_features(50, recording(2), video)
     assert valid[5:45, [0, 2]].all()
     assert not valid[:, 1].any()
@@ -219,7 +247,6 @@ def test_a_video_goes_through_the_same_chain_and_packs_keep_it(tmp_path):
 
 def test_sessions_are_packed_once_and_described_with_their_discards(tmp_path):
     from hilbridge.learning.packs import make_packs, missing
-    from hilbridge.learning.sessions import load_features
 
     root = package(
         tmp_path,

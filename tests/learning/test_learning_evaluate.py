@@ -1,5 +1,10 @@
 import csv
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 from dataclasses import replace
 
 import pytest
@@ -14,6 +19,7 @@ TINY = Recipe(hidden=16, inner=8, epochs=2, windows_per_epoch=512, seed=1)
 PLAN = Plan(
     training=3,
     validation=2,
+    calibration=3,
     test=3,
     seconds=40.0,
     replayed=2,
@@ -30,6 +36,7 @@ KEYS = {
     "e1_calibration",
     "e1_overfit",
     "e2_ablation",
+    "e2_overfit",
     "e2_curvature",
     "e3_selective",
     "e3_thresholds",
@@ -62,7 +69,7 @@ def test_the_whole_evaluation_runs_small_and_says_where_its_figures_come_from(tm
     targets = made.rows("targets")
     assert {row["met"] for row in targets} <= {"yes", "NO"}
     gap = next(row for row in targets if row["what"] == "Top-1 short of Bayes")
-    gru, bayes = made.rows("baseline")[:2]
+    gru, _, bayes = made.rows("baseline")[:3]
     assert gap["figure"] == pytest.approx(bayes["top1"] - gru["top1"])
     history = made.rows("e5_history")
     assert all(row["nll_with_history"] > 0 and 0 <= row["coverage"] <= 1 for row in history)
@@ -70,3 +77,33 @@ def test_the_whole_evaluation_runs_small_and_says_where_its_figures_come_from(tm
     assert costs["MC dropout of all layers, 10 passes"] > costs["torch, one full window"]
     with pytest.raises(KeyError):
         made.rows("nothing")
+
+
+def anybody_of_group(group: int) -> bool:
+    try:
+        os.killpg(group, 0)
+    except ProcessLookupError:
+        return False
+    return True
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("workers", ["1", "2"])
+def test_ctrl_c_ends_workers_and_says_one_line(tmp_path, workers):
+    streams = tmp_path / "out" / "work" / "streams"
+    command = [sys.executable, "-m", "hilbridge.cli", "evaluate", "--out", str(tmp_path / "out"), "--workers", workers]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    while not list(streams.glob("*.npz")):
+        assert process.poll() is None
+        time.sleep(0.2)
+    os.killpg(process.pid, signal.SIGINT)
+    said = process.communicate(timeout=60)[1]
+    assert process.returncode == 130
+    assert said.splitlines()[-1] == "hilbridge: interrupted"
+    assert "Traceback" not in said
+    assert "Warning" not in said
+    waited = 0
+    while anybody_of_group(process.pid):
+        waited += 1
+        assert waited < 100, "a worker is left"
+        time.sleep(0.1)

@@ -20,7 +20,7 @@ from hilbridge.records import FeatureVector, Modality  # noqa: E402
 from hilbridge.verbs import VERBS  # noqa: E402
 from hilbridge.wearer.timeline import DEMO  # noqa: E402
 
-SMALL = Recipe(hidden=16, inner=8, epochs=3, windows_per_epoch=256, seed=4)
+SMALL = Recipe(hidden=16, inner=8, epochs=3, windows_per_epoch=256, averaging=0.5, seed=4)
 
 
 @pytest.fixture(scope="module")
@@ -72,6 +72,20 @@ def test_training_learns_is_seeded_and_resumes_to_the_same_network(people, tmp_p
     assert other.history[0]["loss"] != whole.history[0]["loss"]
 
 
+def test_averaging_keeps_other_weights_and_none_is_the_weights_themselves(people):
+    once = replace(SMALL, epochs=1)
+    averaged, plain = fit_network(once, people, people), fit_network(replace(once, averaging=0.0), people, people)
+    assert averaged.history[0]["loss"] == plain.history[0]["loss"]
+    assert not torch.equal(averaged.network.head.weight, plain.network.head.weight)
+
+
+def test_a_taught_network_learns_the_belief_whatever_verb_followed(people):
+    taught = replace(SMALL, taught=True, label_smoothing=0.0, class_weight_power=0.0)
+    other = replace(people, label=np.roll(people.label, 1))
+    weights = [fit_network(taught, data, people).last_weights for data in (people, other)]
+    assert all(torch.equal(value, weights[1][name]) for name, value in weights[0].items())
+
+
 def test_replay_judges_what_the_live_chain_would_have_done(people):
     bundle = load_bundle(demo_bundle_path())
     logits = stream_logits(bundle.weights, people, Statistics(bundle.mean, bundle.std))
@@ -120,5 +134,7 @@ def test_recording_is_the_same_from_cache(tmp_path):
     stored = record_people([6_000], DEMO, 3.0, tmp_path)
     assert (fresh.values == stored.values).all()
     assert (stored.label == record(6_000, DEMO, 3.0).label).all()
+    other = replace(DEMO, mixture=((1.0, 0.0, 0.0),))
+    assert (record_people([6_000], other, 3.0, tmp_path).bayes != stored.bayes).any()  # other people of the same name
     assert STEP_NS == 40_000_000
     assert Modality.GAZE == 0
