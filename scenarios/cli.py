@@ -24,6 +24,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
+INTERRUPTED = 130  # the exit code of a program that Ctrl-C ended
+
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text")]
 Paths = Annotated[list[Path], typer.Argument(help="scenario files, or folders of them")]
 Seed = Annotated[int | None, typer.Option(min=0, help="in place of the scenario's own seed")]
@@ -160,9 +162,10 @@ def main() -> None:
     except InputError as error:
         sys.stderr.write(f"hilscenario: {error}\n")
         raise SystemExit(2) from None
-    except KeyboardInterrupt:
-        sys.stderr.write("hilscenario: stopped\n")
-        raise SystemExit(130) from None
+    except SystemExit as ended:
+        if ended.code == INTERRUPTED:  # typer has caught Ctrl-C and says nothing
+            sys.stderr.write("hilscenario: stopped\n")
+        raise
 
 
 if __name__ == "__main__":

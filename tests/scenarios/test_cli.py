@@ -3,6 +3,11 @@
 from __future__ import annotations
 
 import json
+import os
+import signal
+import subprocess
+import sys
+import time
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -74,6 +79,23 @@ def test_a_campaign_resumes_where_it_was(tmp_path: Path) -> None:
     assert code == 0
     assert json.loads(output)["samples"] == 4
     assert [line for line in log.read_text().splitlines() if line != first[3][:20]] == first
+
+
+@pytest.mark.timeout(120)
+@pytest.mark.parametrize("jobs", ["1", "2"])
+def test_ctrl_c_ends_a_campaign_with_one_line_and_keeps_what_it_has(tmp_path: Path, jobs: str) -> None:
+    base, log = tmp_path / "base.yaml", tmp_path / "out" / "campaign.jsonl"
+    base.write_text(dump_scenario(base_scenario()), encoding="utf-8")
+    command = [sys.executable, "-m", "scenarios.cli", "campaign", str(base), "--out", str(log.parent), "--jobs", jobs]
+    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
+        while not log.exists() or log.read_text().count("\n") < 2:  # workers that still import would say so
+            assert process.poll() is None
+            time.sleep(0.1)
+        os.killpg(process.pid, signal.SIGINT)
+        said = process.communicate(timeout=60)[1]
+    assert process.returncode == 130
+    assert said.splitlines()[-1] == "hilscenario: stopped"
+    assert "Traceback" not in said
 
 
 def test_vocabulary_list_and_schema_are_printed() -> None:
