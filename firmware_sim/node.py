@@ -196,7 +196,9 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--key-file", type=Path, help="shared key, 32 hex digits, mode 0600 (default: the demo key)")
     parser.add_argument("--seconds", type=float, help="stop after so many seconds of the device's time")
     parser.add_argument("--json-log", type=Path, help="JSON lines: every change, and one every --log-ms")
-    parser.add_argument("--log-ms", type=int, default=LOG_CYCLE_MS, choices=range(1, 1001), metavar="MS")
+    parser.add_argument(
+        "--log-ms", type=int, default=LOG_CYCLE_MS, choices=range(1, 1001), metavar="MS", help="1 to 1000 (20)"
+    )
     parser.add_argument("--wearer-torque", choices=WEARERS, default="reach", help="what the wearer's arm does")
     return parser
 

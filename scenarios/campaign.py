@@ -34,7 +34,7 @@ GATE_STATES: dict[str, str] = {
 _AFTER_MS = {"hold": 250.0, "turning to act": 60.0, "acting": 900.0, "turning to hold": 45.0}
 # What a short run needs in place of a fault's defaults.
 _OPTIONS: dict[str, dict[str, float]] = {"bus.replay": {"past_s": 0.3}, "bridge.restart": {"down_ms": 200.0}}
-# A sample is watched for so long after its fault; what is still unsafe then was unsafe before.
+# A sample is watched for so long after its fault: three times the longest deadline of the contract.
 _WATCHED_MS = 500.0
 _INSTANT_MS = 300.0  # what follows from a fault without a length: a restart, three STOPs
 _CHUNK = 64

@@ -49,7 +49,7 @@ def next_tick(due_ns: int, now_ns: int, ready_ns: int | None, *, first: bool = F
         gentle = int(-_GAIN * max(error, -_TARGET_WAIT_NS))
         steer = -error if first else max(-_MAX_STEER_NS, min(_MAX_STEER_NS, gentle))
     planned = due_ns + PERIOD_NS + steer
-    if planned > now_ns:
-        return TickPlan(planned, 0)
+    if planned > now_ns:  # where first features came long after the tick was due, the periods between are missed, too
+        return TickPlan(planned, max(0, (planned - due_ns) // PERIOD_NS - 1))
     missed = (now_ns - planned) // PERIOD_NS + 1
     return TickPlan(planned + missed * PERIOD_NS, missed)

@@ -42,19 +42,19 @@ class HandDetector:
             num_hands=max_hands,
             min_hand_detection_confidence=min_score,
         )
+        self._image_type = mp.Image
+        self._image_format = mp.ImageFormat.SRGB
+        self._last_ms = -1
         try:
             with _quiet_stderr():
                 self._landmarker: Any = vision.HandLandmarker.create_from_options(options)
+                # The first picture costs twice the time of the next: better one that nobody waits for.
+                self.detect(CameraFrame(0, np.zeros((72, 128, 3), np.uint8), 0))
         except (RuntimeError, ValueError) as error:
             raise InputError(
                 f"hand model {model}: mediapipe cannot load it ({str(error).splitlines()[0]}); "
                 "run `hilbridge fetch-models --force`"
             ) from None
-        self._image_type = mp.Image
-        self._image_format = mp.ImageFormat.SRGB
-        self._last_ms = -1
-        # The first picture costs twice the time of the next: better one that nobody waits for.
-        self.detect(CameraFrame(0, np.zeros((72, 128, 3), np.uint8), 0))
 
     def detect(self, frame: CameraFrame) -> HandTracks:
         """Hands in one picture. MediaPipe wants stamps that increase strictly, in milliseconds."""

@@ -43,6 +43,12 @@ def test_the_first_features_set_the_phase_at_once(offset_ns: int) -> None:
     assert PERIOD_NS // 2 <= plan.due_ns - due <= GRACE_NS + PERIOD_NS + 1 * MS
 
 
+def test_ticks_missed_before_the_first_features_are_counted() -> None:
+    plan = next_tick(0, 500 * MS, 490 * MS, first=True)
+    assert (plan.due_ns, plan.missed) == (531 * MS, 12)
+    assert next_tick(0, GRACE_NS, GRACE_NS, first=True).missed == 0
+
+
 def test_a_picture_that_was_waited_for_moves_the_phase_little() -> None:
     plan = next_tick(0, 20 * MS, 19 * MS)
     assert PERIOD_NS < plan.due_ns <= PERIOD_NS + MS // 2
