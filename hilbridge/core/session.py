@@ -60,9 +60,10 @@ class Session:
         self._key = b""
         self._freshness = 0
         self._boot_nonce: int | None = None
-        self._foreign_failures = 0  # MAC failures that the device had counted before any response of ours
+        # MAC failures that the device had counted before any response of ours; None until it has told.
+        self._foreign_failures: int | None = None
         self._unconfirmed = False
-        self._bridge_nonce = 0
+        self._bridge_nonce: int | None = None
         self._offered = 0
         self._purpose = Purpose.ARM
         self._retry_ns: int | None = None
@@ -73,18 +74,22 @@ class Session:
         return self.phase is Phase.ARMED
 
     def may_request(self, now_ns: int) -> bool:
-        """Whether it is time to ask (again): the device is known, not armed, and the last try has run out."""
-        if self._boot_nonce is None or self.refused or self.armed:
+        """Whether it is time to ask (again): the device is known, not armed, and the last try has run out.
+
+        Known is a device whose MAC failures are: without them, one of before would be taken for ours and end all tries.
+        """
+        if self._boot_nonce is None or self._foreign_failures is None or self.refused or self.armed:
             return False
         return self._retry_ns is None or now_ns >= self._retry_ns
 
     def request(self, purpose: Purpose, nonce: int, now_ns: int) -> dict[str, int | str]:
-        """Signals of the ARM_REQUEST that starts a handshake, or repeats one that nobody answered.
+        """Signals of the ARM_REQUEST that starts a handshake, or repeats one that came to nothing.
 
-        A repetition keeps its nonce: a challenge that was only late is then answered with the right key, not with a MAC
-        that the device would count as a failure.
+        The nonce is kept until a session was confirmed under it: a challenge that was only late, also to a request that
+        was dropped meanwhile, is then answered with the right key, not with a MAC that the device would count as a
+        failure. Every challenge has a nonce of the device's own, so no two sessions share a key.
         """
-        if self.phase is not Phase.REQUESTED or purpose is not self._purpose:
+        if self._bridge_nonce is None:
             self._bridge_nonce = nonce
         self.phase = Phase.REQUESTED
         self._purpose = purpose
@@ -96,13 +101,13 @@ class Session:
         if boot_nonce != self._boot_nonce:
             self.drop("device restarted")
             self.refused = False
-            self._foreign_failures = 0
+            self._foreign_failures = None
             self._unconfirmed = False
         self._boot_nonce = boot_nonce
 
     def on_challenge(self, device_nonce: int, number: int, now_ns: int) -> dict[str, int | str] | None:
         """Signals of the ARM_RESPONSE to an ARM_CHALLENGE; None when none was asked for."""
-        if self.phase is not Phase.REQUESTED or self._boot_nonce is None:
+        if self.phase is not Phase.REQUESTED or self._boot_nonce is None or self._bridge_nonce is None:
             return None
         self._key = self._crypto.session_key(self._bridge_nonce, device_nonce, self._boot_nonce, number)
         mac = self._crypto.arm_mac(self._key, self._purpose.value, number, self._bridge_nonce, device_nonce)
@@ -118,6 +123,7 @@ class Session:
         if self.phase is Phase.RESPONDED and device_armed and number == self._offered:
             self.phase = Phase.ARMED
             self._unconfirmed = False
+            self._bridge_nonce = None
             self.number = number
             self._freshness = 0
         elif self.armed and not (device_armed and number == self.number):
@@ -129,9 +135,10 @@ class Session:
         Failures of before may be another bridge's and do not count. Once a response is out, every further one may be ours
         until a session confirms the key, also where the counter was lost on the bus or came between two tries.
         """
-        if not self._unconfirmed or failures < self._foreign_failures:  # a counter that fell has begun anew
+        known = self._foreign_failures
+        if not self._unconfirmed or known is None or failures < known:  # a counter that fell has begun anew
             self._foreign_failures = failures
-        elif self.phase is Phase.RESPONDED and failures > self._foreign_failures:
+        elif self.phase is Phase.RESPONDED and failures > known:
             self.refused = True
             self.phase = Phase.IDLE
 

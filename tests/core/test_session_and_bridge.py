@@ -69,6 +69,7 @@ class Hub:
 
     def heartbeat(self, nonce: int = 5, version: int = 1) -> None:
         self.bridge.on_message("CTRL_HB", {"ProtocolVersion": version, "BootNonce": nonce}, 1, self.now_ns)
+        self.bridge.on_message("CTRL_DIAG", {"Index": "MacFailures", "MacFailures": 0}, 1, self.now_ns)
 
     def tick(
         self,
@@ -401,6 +402,7 @@ def test_diagnosis_shows_the_sessions_lost() -> None:
 def fresh() -> Session:
     session = Session(Authenticator(DEMO_KEY))
     session.on_heartbeat(5)
+    session.on_mac_failures(0)
     return session
 
 
@@ -494,16 +496,53 @@ def test_a_repeated_request_keeps_its_nonce_so_that_a_late_challenge_is_answered
     once = fresh()
     once.request(Purpose.ARM, 11, 0)
     assert late == once.on_challenge(1, 1, 10 * MS)
-    assert session.request(Purpose.ARM, 13, 1_600 * MS)["BridgeNonce"] == 13
-    assert session.request(Purpose.CLEAR_LATCH, 14, 1_900 * MS)["BridgeNonce"] == 14
+    assert session.request(Purpose.CLEAR_LATCH, 13, 1_600 * MS)["BridgeNonce"] == 11
+    session.request(Purpose.ARM, 14, 1_900 * MS)
+    session.on_challenge(2, 2, 1_910 * MS)
+    session.on_status(True, 2)
+    assert session.armed
+    session.drop("test")
+    assert session.request(Purpose.ARM, 15, 2_000 * MS)["BridgeNonce"] == 15  # one nonce, at most one session
 
 
 @requirement("P6")
-@pytest.mark.parametrize(("before", "after", "refused"), [(2, 2, False), (2, 3, True), (None, 1, True)])
-def test_failures_of_before_are_not_ours(before: int | None, after: int, refused: bool) -> None:
+@pytest.mark.parametrize("doubt", ["device silent", "device restarted"])
+def test_a_challenge_to_a_dropped_request_is_answered_with_the_right_key(doubt: str) -> None:
     session = fresh()
-    if before is not None:
-        session.on_mac_failures(before)
+    session.request(Purpose.ARM, 11, 0)
+    if doubt == "device restarted":
+        session.on_heartbeat(6)
+        session.on_mac_failures(0)
+    session.drop(doubt)
+    session.request(Purpose.ARM, 12, 100 * MS)
+    answer = session.on_challenge(1, 1, 110 * MS)
+    crypto = Authenticator(DEMO_KEY)
+    key = crypto.session_key(11, 1, 6 if doubt == "device restarted" else 5, 1)
+    assert answer == {"Mac": crypto.arm_mac(key, "Arm", 1, 11, 1), "Session": 1}
+
+
+@requirement("P6")
+def test_nothing_is_asked_before_the_device_has_told_its_mac_failures() -> None:
+    session = Session(Authenticator(DEMO_KEY))
+    session.on_heartbeat(5)
+    assert not session.may_request(10**18)
+    session.on_mac_failures(1)  # of another bridge, or of this one before it was started anew
+    assert session.may_request(0)
+    session.request(Purpose.ARM, 1, 0)
+    session.on_challenge(1, 3, 0)
+    session.on_mac_failures(1)
+    assert not session.refused
+    session.on_status(True, 3)
+    assert session.armed
+    session.on_heartbeat(6)
+    assert not session.may_request(10**18)
+
+
+@requirement("P6")
+@pytest.mark.parametrize(("before", "after", "refused"), [(2, 2, False), (2, 3, True), (0, 1, True)])
+def test_failures_of_before_are_not_ours(before: int, after: int, refused: bool) -> None:
+    session = fresh()
+    session.on_mac_failures(before)
     session.request(Purpose.ARM, 1, 0)
     session.on_challenge(1, 3, 0)
     session.on_mac_failures(after)
@@ -534,10 +573,13 @@ def test_a_session_that_nobody_began_has_nothing() -> None:
 
 
 @requirement("P6")
-def test_a_restarted_device_has_counted_no_failures_yet() -> None:
+def test_a_restarted_device_tells_its_failures_anew() -> None:
     session = fresh()
     session.on_mac_failures(2)
     session.on_heartbeat(6)
+    assert not session.may_request(10**18)
+    session.on_mac_failures(0)
+    assert session.may_request(0)
     session.request(Purpose.ARM, 1, 0)
     session.on_challenge(1, 3, 0)
     session.on_mac_failures(1)
