@@ -150,10 +150,14 @@ def run_sample(base: Scenario, sample: Sample) -> Outcome:
 
 
 @contextmanager
-def _workers(jobs: int, cluster: str | None) -> Iterator[joblib.Parallel]:
-    """A joblib pool on this machine or on a cluster. Raises InputError where that cannot be had."""
+def _workers(jobs: int, cluster: str | None) -> Iterator[Callable[[], joblib.Parallel]]:
+    """What makes joblib pools on this machine or on a cluster. Raises InputError where that cannot be had."""
+
+    def pool() -> joblib.Parallel:
+        return joblib.Parallel(n_jobs=jobs)
+
     if cluster is None:
-        yield joblib.Parallel(n_jobs=jobs, return_as="list")
+        yield pool
         return
     kind, _, _ = cluster.partition(":")
     try:
@@ -161,7 +165,7 @@ def _workers(jobs: int, cluster: str | None) -> Iterator[joblib.Parallel]:
     except KeyError:
         raise InputError(f"cluster {cluster!r}: write ray, ray://HOST:PORT, dask or dask://HOST:PORT") from None
     with clusters(cluster, jobs), joblib.parallel_config(backend=kind):
-        yield joblib.Parallel(n_jobs=jobs)
+        yield pool
 
 
 @contextmanager
@@ -248,10 +252,13 @@ def run_campaign(
     return sorted(outcomes, key=lambda outcome: (outcome.safe, outcome.robustness))
 
 
-def _run_chunk(workers: joblib.Parallel, base: Scenario, chunk: Sequence[Sample]) -> list[Outcome]:
+def _run_chunk(workers: Callable[[], joblib.Parallel], base: Scenario, chunk: Sequence[Sample]) -> list[Outcome]:
     for attempt in range(_RETRIES + 1):
         try:
-            outcomes: list[Outcome] = workers(joblib.delayed(run_sample)(base, sample) for sample in chunk)
+            # A new pool each time: one that has lost a worker of Ray's answers its next call with nothing at all.
+            outcomes: list[Outcome] = workers()(joblib.delayed(run_sample)(base, sample) for sample in chunk)
+            if len(outcomes) != len(chunk):
+                raise RuntimeError(f"{len(outcomes)} of {len(chunk)} samples came back")
             return outcomes
         except _lost_worker() as error:
             if attempt == _RETRIES:
@@ -260,9 +267,13 @@ def _run_chunk(workers: joblib.Parallel, base: Scenario, chunk: Sequence[Sample]
 
 
 def _lost_worker() -> tuple[type[Exception], ...]:
-    """What a dead worker looks like: subclasses of OSError and RuntimeError, and Dask's own."""
-    dask = sys.modules.get("distributed")  # only a campaign on Dask has it
-    return (OSError, RuntimeError) if dask is None else (OSError, RuntimeError, dask.KilledWorker)
+    """What a dead worker looks like: subclasses of OSError and RuntimeError, and what Dask and Ray have of their own."""
+    lost: tuple[type[Exception], ...] = (OSError, RuntimeError)
+    if (dask := sys.modules.get("distributed")) is not None:  # only a campaign on Dask has it
+        lost += (dask.KilledWorker,)
+    if (ray := sys.modules.get("ray.exceptions")) is not None:
+        lost += (ray.RayActorError, ray.WorkerCrashedError)
+    return lost
 
 
 def _fingerprint(base: Scenario) -> str:

@@ -5,8 +5,13 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sys
+from collections.abc import Iterable
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
+import joblib
 import pytest
 
 from hilbridge.errors import InputError
@@ -91,6 +96,38 @@ def test_what_dask_says_of_a_worker_that_died_too_often_is_known(
     wanted = samples_of(base_scenario(), 1, 1, ("bus.cut",))
     assert len(run_campaign(base_scenario(), wanted, tmp_path, jobs=1)) == len(wanted)
     assert len(tries) == len(wanted) + 1
+
+
+def test_what_ray_says_of_a_worker_that_died_is_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    class RayActorError(Exception): ...
+
+    told = SimpleNamespace(RayActorError=RayActorError, WorkerCrashedError=RayActorError)
+    monkeypatch.setitem(sys.modules, "ray.exceptions", told)
+    tries: list[Sample] = []
+
+    def once(base: Scenario, sample: Sample) -> Outcome:
+        tries.append(sample)
+        if len(tries) == 1:
+            raise RayActorError("the actor died")
+        return run_sample(base, sample)
+
+    monkeypatch.setattr(campaign, "run_sample", once)
+    wanted = samples_of(base_scenario(), 1, 1, ("bus.cut",))
+    assert len(run_campaign(base_scenario(), wanted, tmp_path, jobs=1)) == len(wanted)
+
+
+def test_samples_that_do_not_come_back_are_run_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pools: list[int] = []
+
+    class Forgetful(joblib.Parallel):  # as joblib's own on Ray after the death of a worker
+        def __call__(self, iterable: Iterable[Any]) -> list[Any]:
+            pools.append(1)
+            return [] if len(pools) == 1 else super().__call__(iterable)
+
+    monkeypatch.setattr(joblib, "Parallel", Forgetful)
+    wanted = samples_of(base_scenario(), 1, 1, ("bus.cut",))
+    assert len(run_campaign(base_scenario(), wanted, tmp_path, jobs=1)) == len(wanted)
+    assert len(pools) == 2
 
 
 @pytest.mark.parametrize(
