@@ -13,6 +13,7 @@ from typing import Any, Protocol
 from hilbridge.core import gate
 from hilbridge.core.bridge import Bridge
 from hilbridge.core.gate import GateConfig, GateState
+from hilbridge.core.session import Session
 from hilbridge.records import FeatureVector, Frame, GateDecision, HoldReason, IntentEstimate
 from hilbridge.runtime.health import SensorSeen, first_problem
 from hilbridge.verbs import VERBS
@@ -113,8 +114,8 @@ class BridgeNode:
             decision.confidence,
             command.reason,
         )
-        armed = self.bridge.session.armed
-        self._say("armed", armed, now_ns, "armed" if armed else f"not armed {self.bridge.session.why}".strip())
+        session = self.bridge.session
+        self._say("armed", (session.armed, session.refused), now_ns, _arming(session))
         return Tick(frames, sent, self._row(sent, problem, vector, now_ns))
 
     def _take(self, vector: FeatureVector, now_ns: int) -> None:
@@ -164,3 +165,11 @@ class BridgeNode:
             "device": None if device is None else device.state,
             "armed": self.bridge.session.armed,
         }
+
+
+def _arming(session: Session) -> str:
+    if session.armed:
+        return "armed"
+    if session.refused:
+        return "not armed: the device rejects our key; give both the same key file, then start the device anew"
+    return f"not armed {session.why}".strip()

@@ -222,3 +222,14 @@ def test_every_tick_sends_its_command_first_and_says_why_it_held(world: World) -
         acting = world.last.decision.action is Action.ACT
         assert ("ACT_AUTH" in names) is acting
         assert (world.reason is HoldReason.NONE) is acting
+
+
+def test_a_device_with_another_key_is_told_once_with_the_cure() -> None:
+    world = World()
+    world.device = Device(ControllerState(b"another key here", 78), "sway")
+    for _ in world.run(6000):
+        pass
+    told = [text for text in world.events if "rejects our key" in text]
+    assert told == ["not armed: the device rejects our key; give both the same key file, then start the device anew"]
+    assert world.last is not None
+    assert world.last.decision.reason is HoldReason.NOT_ARMED
