@@ -7,6 +7,7 @@ from __future__ import annotations
 import json
 import os
 import sys
+from dataclasses import replace
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -162,14 +163,14 @@ def train(
     out: Annotated[Path, typer.Option(help="the bundle to write")] = Path("out/bundle.safetensors"),
     work: Annotated[Path, typer.Option(help="checkpoints, logs, recorded streams")] = Path("out/train"),
     wearer: Annotated[str, typer.Option(help="demo or benchmark")] = "demo",
-    people: Annotated[int, typer.Option(min=8, help="how many simulated people")] = 160,
+    people: Annotated[int, typer.Option(min=8, help="how many simulated people")] = 480,
     seconds: Annotated[float, typer.Option(min=10.0, help="of each")] = 60.0,
-    precision: Annotated[float, typer.Option(min=0.0, max=1.0, help="act-only precision tau_on must replay to")] = 0.85,
+    precision: Annotated[float, typer.Option(min=0.0, max=1.0, help="act-only precision tau_on must replay to")] = 0.9,
     seed: Annotated[int, typer.Option(min=0)] = 0,
 ) -> None:
     """Train, calibrate and choose thresholds; write one bundle. An interrupted run goes on where it was."""
     learning = _learning("hilbridge.learning.demo")
-    recipe = _learning("hilbridge.learning.train").Recipe(seed=seed)
+    recipe = replace(learning.DEMO_RECIPE, seed=seed)
     try:
         config = learning.TrainConfig(
             out=out, work=work, wearer=wearer, people=people, seconds=seconds, precision=precision, recipe=recipe

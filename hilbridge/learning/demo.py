@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -25,6 +25,20 @@ from hilbridge.wearer.timeline import BENCHMARK, DEMO, Difficulty
 
 DIFFICULTIES: Mapping[str, Difficulty] = {"demo": DEMO, "benchmark": BENCHMARK}
 TAU_BAND = 0.15
+# As the benchmark's (decision 310), with more of what makes it robust: kitchens differ, modalities fail.
+DEMO_RECIPE = Recipe(
+    hidden=128,
+    epochs=14,
+    windows_per_epoch=14_400,
+    learning_rate=8e-3,
+    weight_decay=0.6,
+    jitter=0.4,
+    modality_dropout=0.2,
+    label_smoothing=0.0,
+    class_weight_power=0.0,
+    averaging=0.95,
+    patience=24,
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,12 +53,12 @@ class TrainConfig:
     out: Path
     work: Path
     wearer: str = "demo"
-    people: int = 160
+    people: int = 480
     seconds: float = 60.0
     first_seed: int = 1_000
-    precision: float = 0.85
+    precision: float = 0.9
     method: Method = Method.ISOTONIC
-    recipe: Recipe = field(default_factory=Recipe)
+    recipe: Recipe = DEMO_RECIPE
 
 
 def train(config: TrainConfig, console: Console | None = None) -> Path:
