@@ -6,17 +6,26 @@ of a grey or a black pixel is noise. Shares are square-rooted (Hellinger), which
 
 from __future__ import annotations
 
+from functools import lru_cache
+from itertools import pairwise
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from hilbridge.features.layout import HUE_BINS, SATURATION_BINS, VALUE_BINS
+from hilbridge.features.layout import HISTOGRAM_BINS, HUE_BINS, SATURATION_BINS, VALUE_BINS
 
 HEIGHT_PX = 72
 PATCH_SHARE = 0.16  # half of the patch's side over the picture's height
 
 # One look-up from an 8-bit channel to its bin; OpenCV's hue runs from 0 to 179.
-_HUE_BIN = np.minimum(np.arange(256) * HUE_BINS // 180, HUE_BINS - 1).astype(np.intp)
+_HUE_BIN = np.minimum(np.arange(256) * HUE_BINS // 180, HUE_BINS - 1).astype(np.uint8)
+_SATURATION_EDGES = tuple(256 * number // SATURATION_BINS for number in range(1, SATURATION_BINS))
+_VALUE_EDGES = tuple(256 * number // VALUE_BINS for number in range(1, VALUE_BINS))
+# Neighbours count into tables of their own: adding to one number again and again waits for itself.
+_TABLES = 4
+
+Plane = NDArray[np.uint8] | NDArray[np.uint16]
 
 
 def shrink(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
@@ -36,24 +45,18 @@ def histogram(hsv: NDArray[np.uint8]) -> NDArray[np.float32]:
 
     A picture without any colour spreads the hue evenly rather than inventing one.
     """
-    weight = hsv[..., 1].astype(np.float64).ravel() * hsv[..., 2].ravel()
-    total = float(weight.sum())
-    if total > 0.0:
-        hues = np.bincount(_HUE_BIN[hsv[..., 0].ravel()], weights=weight, minlength=HUE_BINS) / total
-    else:
-        hues = np.full(HUE_BINS, 1.0 / HUE_BINS)
-    count = weight.size
-    saturations = cv2.calcHist([hsv], [1], None, [SATURATION_BINS], [0, 256]).ravel() / count
-    values = cv2.calcHist([hsv], [2], None, [VALUE_BINS], [0, 256]).ravel() / count
-    return np.asarray(np.sqrt(np.concatenate([hues, saturations, values])), dtype=np.float32)
+    return _of_planes(*_planes(hsv))
 
 
 def scene_features(
     rgb: NDArray[np.uint8], gaze: tuple[float, float] | None
 ) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
     """Histograms of the whole picture and of the patch around `gaze` (0..1; None: the whole picture again)."""
-    hsv = cv2.cvtColor(shrink(rgb), cv2.COLOR_RGB2HSV).astype(np.uint8, copy=False)
-    frame = histogram(hsv)
+    small = shrink(rgb)
+    hsv = np.empty_like(small)
+    cv2.cvtColor(small, cv2.COLOR_RGB2HSV, hsv)
+    planes = _planes(hsv)
+    frame = _of_planes(*planes)
     if gaze is None:
         return frame, frame
     height, width = hsv.shape[:2]
@@ -61,5 +64,38 @@ def scene_features(
     # A gaze outside the picture sees the nearest part of it.
     column = min(max(round(gaze[0] * width), half), max(half, width - half))
     row = min(max(round(gaze[1] * height), half), max(half, height - half))
-    patch = hsv[max(0, row - half) : row + half, max(0, column - half) : column + half]
-    return frame, histogram(patch)
+    rows, columns = slice(max(0, row - half), row + half), slice(max(0, column - half), column + half)
+    return frame, _of_planes(*(plane[rows, columns] for plane in planes))
+
+
+def _planes(hsv: NDArray[np.uint8]) -> tuple[Plane, Plane, Plane, Plane]:
+    """What every pixel adds where: its hue's bin (and table), the weight of its hue, saturation, value."""
+    # Into numpy's arrays: OpenCV takes as long to make its own. `cv2.split` writes past the cache, whence all is read next.
+    hue, saturation, value, bins = np.empty((4, *hsv.shape[:2]), dtype=np.uint8)
+    cv2.mixChannels([hsv], [hue, saturation, value], [0, 0, 1, 1, 2, 2])
+    cv2.LUT(hue, _HUE_BIN, bins)
+    bins += _tables(hsv.shape[1])
+    return bins, np.multiply(saturation, value, dtype=np.uint16), saturation, value
+
+
+@lru_cache(maxsize=4)
+def _tables(width: int) -> NDArray[np.uint8]:
+    """Where the table of each column begins."""
+    return (np.arange(width) % _TABLES * HUE_BINS).astype(np.uint8)
+
+
+def _of_planes(bins: Plane, weight: Plane, saturation: Plane, value: Plane) -> NDArray[np.float32]:
+    tables = np.bincount(bins.ravel(), weights=weight.ravel(), minlength=_TABLES * HUE_BINS)
+    hues = tables.reshape(_TABLES, HUE_BINS).sum(axis=0)
+    total = float(hues.sum())
+    shares = np.empty(HISTOGRAM_BINS)
+    shares[:HUE_BINS] = hues / total if total > 0.0 else 1.0 / HUE_BINS
+    shares[HUE_BINS:] = _counts(saturation, _SATURATION_EDGES) + _counts(value, _VALUE_EDGES)
+    shares[HUE_BINS:] /= weight.size
+    return np.sqrt(shares, dtype=np.float32, casting="same_kind")
+
+
+def _counts(plane: Plane, edges: tuple[int, ...]) -> list[int]:
+    """How many pixels fall into each bin: from how many reach the edges between them."""
+    reach = [plane.size, *[int(np.count_nonzero(plane >= edge)) for edge in edges], 0]
+    return [reached - further for reached, further in pairwise(reach)]

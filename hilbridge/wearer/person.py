@@ -116,9 +116,10 @@ class Wearer:
         self._planned = 0
         rng = np.random.default_rng([seed, 2])
         self._slots = [int(slot) for slot in rng.permutation(COLOURS)]
-        self._phases = rng.uniform(0.0, 2.0 * math.pi, size=12)
-        self._hand_bias = rng.normal(0.0, 0.02, size=(2, 2))
-        self._gaze_bias = rng.normal(0.0, 0.012, size=2)
+        # Plain floats: numpy's scalars are slow one at a time.
+        self._phases: list[float] = rng.uniform(0.0, 2.0 * math.pi, size=12).tolist()
+        self._hand_bias: list[list[float]] = rng.normal(0.0, 0.02, size=(2, 2)).tolist()
+        self._gaze_bias: list[float] = rng.normal(0.0, 0.012, size=2).tolist()
         self._scene = Scene.of_person(rng)
 
     def truth(self, t_ns: int) -> Truth:
@@ -219,7 +220,7 @@ class Wearer:
             wobble = 0.008 * math.sin(2.0 * math.pi * 0.9 * t_ns * 1e-9 + self._phases[8 + side])
             x = old[side][0] + (new[side][0] - old[side][0]) * share + self._hand_bias[side][0] + drift[0] + wobble
             y = old[side][1] + (new[side][1] - old[side][1]) * share + self._hand_bias[side][1] + drift[1]
-            palms.append((float(x), float(y)))
+            palms.append((x, y))
         return palms[0], palms[1]
 
     def _targets(self, event: Event | None) -> tuple[Point, Point]:

@@ -101,3 +101,13 @@ def test_hostile_input_never_gets_out_as_nan():
         vector = assembler.update(frame, gaze, hands, t_ns)
         assert np.isfinite(vector.values).all()
         assert np.abs(vector.values).max() <= 20.0
+
+
+def test_a_histogram_counts_every_pixel_as_opencv_and_numpy_do():
+    rng = np.random.default_rng(4)
+    for height, width in ((72, 96), (23, 31), (1, 1), (2, 5)):
+        hsv = rng.integers(0, (180, 256, 256), (height, width, 3)).astype(np.uint8)
+        weight = hsv[..., 1].astype(float) * hsv[..., 2]
+        hues = np.bincount(hsv[..., 0].ravel().astype(int) * HUE_BINS // 180, weight.ravel(), HUE_BINS) / weight.sum()
+        counts = [cv2.calcHist([hsv], [channel], None, [4], [0, 256]).ravel() / weight.size for channel in (1, 2)]
+        assert histogram(hsv) == pytest.approx(np.sqrt(np.concatenate([hues, *counts])), abs=1e-7)
