@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hilbridge.records import CameraFrame, GazeSample, Hand, HandTracks, StampSource
+from hilbridge.wearer.noise import Noise
 from hilbridge.wearer.render import Scene, draw
 from hilbridge.wearer.timeline import COLOURS, DEMO, MS, Difficulty, Event, Timeline
 
@@ -111,6 +111,7 @@ class Wearer:
         self._tremor = tremor
         self._size = (width_px, height_px)
         self._timeline = Timeline(seed, difficulty)
+        self._gaze_noise, self._hand_noise = Noise(seed, 3), Noise(seed, 6)
         self._segments: list[_Segment] = [_Segment(0, None)]
         self._starts: list[int] = [0]
         self._planned = 0
@@ -145,7 +146,7 @@ class Wearer:
 
     def gaze(self, t_ns: int) -> GazeSample:
         """Point of regard: rests on the object in use, wanders when idle, jumps between fixations, blinks at times."""
-        noise = self._noise(3, t_ns)
+        noise = self._gaze_noise.normals(t_ns, 1)
         attention, after_it, elsewhere = _fixation(self._seed, t_ns // (380 * MS))
         segment = self._segment(t_ns)
         # The eyes lead: they are on the object 200 ms after the intention forms, and glance away now and then.
@@ -158,21 +159,21 @@ class Wearer:
         blink = _blinks(self._seed, t_ns // (160 * MS))
         return GazeSample(
             t_ns,
-            float(x + sway[0] + self._gaze_bias[0] + noise[0] * 0.006),
-            float(y + sway[1] + self._gaze_bias[1] + noise[1] * 0.008),
+            x + sway[0] + self._gaze_bias[0] + noise[0] * 0.006,
+            y + sway[1] + self._gaze_bias[1] + noise[1] * 0.008,
             not blink,
             StampSource.HARDWARE,
         )
 
     def hands(self, t_ns: int) -> HandTracks:
         """Both palms as a detector would give them; one is missed now and then."""
-        noise = self._noise(6, t_ns)
-        found = []
-        for side, (x, y) in enumerate(self._palms(t_ns)):
-            if noise[side] > 2.3:
-                continue
-            jitter = noise[2 + 2 * side : 4 + 2 * side] * 0.005
-            found.append(Hand(float(x + jitter[0]), float(y + jitter[1]), 0.9))
+        *missed, left_x, left_y, right_x, right_y = self._hand_noise.normals(t_ns, 3)
+        jitter = ((left_x, left_y), (right_x, right_y))
+        found = [
+            Hand(x + 0.005 * dx, y + 0.005 * dy, 0.9)
+            for (x, y), (dx, dy), miss in zip(self._palms(t_ns), jitter, missed, strict=True)
+            if miss <= 2.3
+        ]
         return HandTracks(t_ns, tuple(found))
 
     def frame(self, t_ns: int) -> CameraFrame:
@@ -248,9 +249,6 @@ class Wearer:
         x = 0.010 * math.sin(0.9 * t_s + p[0]) + 0.006 * math.sin(2.3 * t_s + p[1])
         y = 0.008 * math.sin(0.7 * t_s + p[2]) + 0.005 * math.sin(1.9 * t_s + p[3])
         return x, y
-
-    def _noise(self, stream: int, t_ns: int) -> NDArray[np.float64]:
-        return np.random.default_rng([self._seed, stream, max(0, t_ns)]).normal(size=6)
 
     def _blend(self, t_ns: int, segment: _Segment) -> float:
         """How far the body has moved on to this segment: minimum-jerk from 0 to 1 within 0.6 s."""
