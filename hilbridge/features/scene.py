@@ -6,6 +6,7 @@ of a grey or a black pixel is noise. Shares are square-rooted (Hellinger), which
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from functools import lru_cache
 from itertools import pairwise
 
@@ -20,8 +21,9 @@ PATCH_SHARE = 0.16  # half of the patch's side over the picture's height
 
 # One look-up from an 8-bit channel to its bin; OpenCV's hue runs from 0 to 179.
 _HUE_BIN = np.minimum(np.arange(256) * HUE_BINS // 180, HUE_BINS - 1).astype(np.uint8)
-_SATURATION_EDGES = tuple(256 * number // SATURATION_BINS for number in range(1, SATURATION_BINS))
-_VALUE_EDGES = tuple(256 * number // VALUE_BINS for number in range(1, VALUE_BINS))
+# The edges between the bins of a channel, one below the other.
+_SATURATION_EDGES = (np.arange(1, SATURATION_BINS) * 256 // SATURATION_BINS).astype(np.uint8)[:, None]
+_VALUE_EDGES = (np.arange(1, VALUE_BINS) * 256 // VALUE_BINS).astype(np.uint8)[:, None]
 # Neighbours count into tables of their own: adding to one number again and again waits for itself.
 _TABLES = 4
 
@@ -45,7 +47,7 @@ def histogram(hsv: NDArray[np.uint8]) -> NDArray[np.float32]:
 
     A picture without any colour spreads the hue evenly rather than inventing one.
     """
-    return _of_planes(*_planes(hsv))
+    return np.asarray(_histograms([_planes(hsv)])[0])
 
 
 def scene_features(
@@ -56,19 +58,20 @@ def scene_features(
     hsv = np.empty_like(small)
     cv2.cvtColor(small, cv2.COLOR_RGB2HSV, hsv)
     planes = _planes(hsv)
-    frame = _of_planes(*planes)
     if gaze is None:
+        (frame,) = _histograms([planes])
         return frame, frame
     height, width = hsv.shape[:2]
     half = max(1, round(PATCH_SHARE * height))
     # A gaze outside the picture sees the nearest part of it.
     column = min(max(round(gaze[0] * width), half), max(half, width - half))
     row = min(max(round(gaze[1] * height), half), max(half, height - half))
-    rows, columns = slice(max(0, row - half), row + half), slice(max(0, column - half), column + half)
-    return frame, _of_planes(*(plane[rows, columns] for plane in planes))
+    patch = slice(max(0, row - half), row + half), slice(max(0, column - half), column + half)
+    whole, near = _histograms([planes, [plane[patch] for plane in planes]])
+    return whole, near
 
 
-def _planes(hsv: NDArray[np.uint8]) -> tuple[Plane, Plane, Plane, Plane]:
+def _planes(hsv: NDArray[np.uint8]) -> Sequence[Plane]:
     """What every pixel adds where: its hue's bin (and table), the weight of its hue, saturation, value."""
     # Into numpy's arrays: OpenCV takes as long to make its own. `cv2.split` writes past the cache, whence all is read next.
     hue, saturation, value, bins = np.empty((4, *hsv.shape[:2]), dtype=np.uint8)
@@ -84,18 +87,21 @@ def _tables(width: int) -> NDArray[np.uint8]:
     return (np.arange(width) % _TABLES * HUE_BINS).astype(np.uint8)
 
 
-def _of_planes(bins: Plane, weight: Plane, saturation: Plane, value: Plane) -> NDArray[np.float32]:
-    tables = np.bincount(bins.ravel(), weights=weight.ravel(), minlength=_TABLES * HUE_BINS)
-    hues = tables.reshape(_TABLES, HUE_BINS).sum(axis=0)
-    total = float(hues.sum())
-    shares = np.empty(HISTOGRAM_BINS)
-    shares[:HUE_BINS] = hues / total if total > 0.0 else 1.0 / HUE_BINS
-    shares[HUE_BINS:] = _counts(saturation, _SATURATION_EDGES) + _counts(value, _VALUE_EDGES)
-    shares[HUE_BINS:] /= weight.size
-    return np.sqrt(shares, dtype=np.float32, casting="same_kind")
+def _histograms(areas: Sequence[Sequence[Plane]]) -> NDArray[np.float32]:
+    """(n, 20), each area given by its planes."""
+    shares = np.empty((len(areas), HISTOGRAM_BINS))
+    tables = np.empty((len(areas), _TABLES, HUE_BINS))
+    for row, table, (bins, weight, saturation, value) in zip(shares, tables, areas, strict=True):
+        table.flat = np.bincount(bins.ravel(), weight.ravel(), table.size)
+        row[HUE_BINS:] = _counts(saturation, _SATURATION_EDGES) + _counts(value, _VALUE_EDGES)
+        row[HUE_BINS:] /= weight.size
+    hues = tables.sum(axis=1)
+    hues[~hues.any(axis=1)] = 1.0
+    np.divide(hues, hues.sum(axis=1, keepdims=True), out=shares[:, :HUE_BINS])
+    return np.sqrt(shares).astype(np.float32)
 
 
-def _counts(plane: Plane, edges: tuple[int, ...]) -> list[int]:
+def _counts(plane: Plane, edges: NDArray[np.uint8]) -> list[int]:
     """How many pixels fall into each bin: from how many reach the edges between them."""
-    reach = [plane.size, *[int(np.count_nonzero(plane >= edge)) for edge in edges], 0]
+    reach = [plane.size, *map(np.count_nonzero, plane.ravel() >= edges), 0]
     return [reached - further for reached, further in pairwise(reach)]
