@@ -115,6 +115,8 @@ class Wearer:
         self._segments: list[_Segment] = [_Segment(0, None)]
         self._starts: list[int] = [0]
         self._planned = 0
+        self._planned_ns = -1
+        self._last_palms: tuple[int | None, tuple[Point, Point]] = (None, REST)
         rng = np.random.default_rng([seed, 2])
         self._slots = [int(slot) for slot in rng.permutation(COLOURS)]
         # Plain floats: numpy's scalars are slow one at a time.
@@ -203,6 +205,12 @@ class Wearer:
         return angle
 
     def _palms(self, t_ns: int) -> tuple[Point, Point]:
+        # The picture and what is detected in it ask for the same moment.
+        if t_ns != self._last_palms[0]:
+            self._last_palms = (t_ns, self._palms_at(t_ns))
+        return self._last_palms[1]
+
+    def _palms_at(self, t_ns: int) -> tuple[Point, Point]:
         palms = self._voluntary_palms(t_ns)
         if self._tremor is None:
             return palms
@@ -265,7 +273,10 @@ class Wearer:
 
     def _plan(self, t_ns: int) -> None:
         """Segments up to `t_ns`: busy from preparation to the end, or to the next preparation; idle if that is long."""
-        events = self._timeline.until(t_ns + 4_000 * MS)
+        if t_ns <= self._planned_ns:
+            return
+        self._planned_ns = t_ns + 1_000 * MS  # ahead, so that it is not asked for at every step
+        events = self._timeline.until(self._planned_ns + 4_000 * MS)
         while self._planned < len(events) - 1:
             event, after = events[self._planned], events[self._planned + 1]
             self._append(_Segment(event.prepare_ns, event))

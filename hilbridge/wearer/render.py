@@ -62,17 +62,13 @@ def draw(
     cv2.rectangle(rgb, (0, 0), (width, height), scene.table, -1)
     if (edge := int((0.12 + sway[1]) * height)) > 0:
         cv2.rectangle(rgb, (0, 0), (width, edge - 1), scene.wall, -1)
-    unit = 1 << SHIFT
-
-    def point(x: float, y: float) -> tuple[int, int]:
-        return round(x * width * unit), round(y * height * unit)
-
+    across, down = width << SHIFT, height << SHIFT
     for (x, y), factor, colour in zip(places, scale, scene.objects, strict=True):
-        radius = round(RADIUS * factor * height * unit)
-        cv2.circle(rgb, point(x + sway[0], y + sway[1]), radius, colour, -1, cv2.LINE_8, SHIFT)
+        centre = round((x + sway[0]) * across), round((y + sway[1]) * down)
+        cv2.circle(rgb, centre, round(RADIUS * factor * down), colour, -1, cv2.LINE_8, SHIFT)
     thick = max(1, round(0.07 * height))
-    for side, (x, y) in enumerate(palms):
-        elbow = point((0.15, 0.85)[side], 1.15)
-        cv2.line(rgb, point(x, y), elbow, scene.sleeve, thick, cv2.LINE_8, SHIFT)
-        cv2.circle(rgb, point(x, y), round(0.055 * height * unit), scene.skin, -1, cv2.LINE_8, SHIFT)
+    for (x, y), elbow_x in zip(palms, (0.15, 0.85), strict=True):
+        palm, elbow = (round(x * across), round(y * down)), (round(elbow_x * across), round(1.15 * down))
+        cv2.line(rgb, palm, elbow, scene.sleeve, thick, cv2.LINE_8, SHIFT)
+        cv2.circle(rgb, palm, round(0.055 * down), scene.skin, -1, cv2.LINE_8, SHIFT)
     return rgb
