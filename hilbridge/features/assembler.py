@@ -54,7 +54,7 @@ class FeatureAssembler:
             values[HANDS] = [number for state in slots for number in _of_hand(state)]
             stamps.append(hands.captured_ns)
         if seen and frame is not None:
-            whole, patch = scene_features(frame.rgb, None if look is None else (look.x, look.y))
+            whole, patch = scene_features(frame.pixels, None if look is None else (look.x, look.y), frame.palette)
             values[FRAME] = whole
             values[PATCH] = patch
             stamps.append(frame.captured_ns)

@@ -188,8 +188,8 @@ class Wearer:
                 # Leaning in makes the object in use larger: so the picture tells its colour even without gaze.
                 scale[busy.cell[0]] += share * (0.35 + 1.0 * busy.clarity)
         places = [SLOTS[self._slots[colour]] for colour in range(COLOURS)]
-        rgb = draw(self._scene, self._size, places, scale, self._palms(t_ns), self._sway(t_ns))
-        return CameraFrame(t_ns, rgb, t_ns // (40 * MS), StampSource.HARDWARE)
+        picture = draw(self._size, places, scale, self._palms(t_ns), self._sway(t_ns))
+        return CameraFrame(t_ns, picture, t_ns // (40 * MS), StampSource.HARDWARE, self._scene.palette)
 
     def arm_intention(self, t_ns: int) -> ArmIntention:
         """Elbow angle the person aims for: raised while reaching or working, lowered at rest, plus any tremor."""

@@ -31,5 +31,7 @@ def test_moments_near_and_far_are_independent_standard_normals(step_ns: int):
 
 
 def test_people_are_independent():
-    drawn = np.array([[value for t in range(2_000) for value in Noise(seed, 6).normals(t * STEP_NS, 1)] for seed in range(8)])
+    drawn = np.array(
+        [[value for t in range(2_000) for value in Noise(seed, 6).normals(t * STEP_NS, 1)] for seed in range(8)]
+    )
     assert np.abs(np.corrcoef(drawn) - np.eye(8)).max() < 0.07
