@@ -79,7 +79,8 @@ class Body:
             return frame
         shift = frame.sequence % 251
         flicker = self._flicker[shift : shift + frame.pixels.size].reshape(frame.pixels.shape)
-        return replace(frame, pixels=frame.pixels << 3 | flicker, palette=_flickering(frame.palette.tobytes()))
+        palette = _flickering(frame.palette.tobytes())
+        return CameraFrame(t_ns, frame.pixels << 3 | flicker, frame.sequence, frame.stamp, palette)
 
     def gaze(self, t_ns: int) -> GazeSample:
         """The point of regard; shut or averted eyes are the wearer's faults."""

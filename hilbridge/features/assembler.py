@@ -72,4 +72,8 @@ def _of_hand(state: HandState | None) -> tuple[float, ...]:
 
 def _limited(*numbers: float) -> tuple[float, ...]:
     """Within the limit, and zero for what is no number: no filter gives that, but nothing may ever get out of here."""
-    return tuple([min(max(number, -LIMIT), LIMIT) if not math.isnan(number) else 0.0 for number in numbers])
+    return tuple([number if -LIMIT <= number <= LIMIT else _limit_of(number) for number in numbers])
+
+
+def _limit_of(number: float) -> float:
+    return 0.0 if math.isnan(number) else math.copysign(LIMIT, number)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from itertools import permutations
 
 from hilbridge.features.kalman import MovingPoint
@@ -23,6 +24,7 @@ MATCH_DISTANCE = 0.35  # further than a hand moves in one step: another hand
 MAX_COAST_NS = 160_000_000
 MAX_AGE_NS = 150_000_000
 MIN_SCORE = 0.3
+Pairs = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,19 +108,20 @@ class HandTracker:
                 self._slots[preferred if preferred in free else free[0]] = _Track(hands[index], now_ns)
 
 
-def nearest(distance: Sequence[Sequence[float]]) -> list[tuple[int, int]]:
+def nearest(distance: Sequence[Sequence[float]]) -> Pairs:
     """The pairs (row, column) whose distances' sum is least: as many as there can be; of equal sums the first.
 
     Every way is tried, since there are two rows at most: the Hungarian method would take longer to set up.
     """
-    rows, columns = len(distance), len(distance[0]) if distance else 0
-    if rows == columns == 1:
-        return [(0, 0)]
+    ways = _ways(len(distance), len(distance[0]) if distance else 0)
+    return min(ways, key=lambda way: sum([distance[row][column] for row, column in way]))
+
+
+@lru_cache(maxsize=64)
+def _ways(rows: int, columns: int) -> list[Pairs]:
     if rows > columns:
-        ways = [list(zip(chosen, range(columns), strict=True)) for chosen in permutations(range(rows), columns)]
-    else:
-        ways = [list(enumerate(chosen)) for chosen in permutations(range(columns), rows)]
-    return min(ways, key=lambda way: sum(distance[row][column] for row, column in way))
+        return [tuple(zip(chosen, range(columns), strict=True)) for chosen in permutations(range(rows), columns)]
+    return [tuple(enumerate(chosen)) for chosen in permutations(range(columns), rows)]
 
 
 def _usable(hand: Hand) -> bool:

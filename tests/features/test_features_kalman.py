@@ -73,5 +73,5 @@ def test_the_nearest_pairs_are_the_hungarian_methods(rows: int, columns: int):
 
 
 def test_of_two_equal_ways_the_first_is_taken():
-    assert nearest([[0.5, 0.5], [0.5, 0.5]]) == [(0, 0), (1, 1)]
-    assert nearest([[0.5], [0.5]]) == [(0, 0)]
+    assert nearest([[0.5, 0.5], [0.5, 0.5]]) == ((0, 0), (1, 1))
+    assert nearest([[0.5], [0.5]]) == ((0, 0),)
