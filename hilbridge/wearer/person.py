@@ -118,7 +118,7 @@ class Wearer:
         self._planned_ns = -1
         self._last_palms: tuple[int | None, tuple[Point, Point]] = (None, REST)
         rng = np.random.default_rng([seed, 2])
-        self._slots = [int(slot) for slot in rng.permutation(COLOURS)]
+        self._places = [SLOTS[slot] for slot in rng.permutation(COLOURS)]  # of each object, by colour
         # Plain floats: numpy's scalars are slow one at a time.
         self._phases: list[float] = rng.uniform(0.0, 2.0 * math.pi, size=12).tolist()
         self._hand_bias: list[list[float]] = rng.normal(0.0, 0.02, size=(2, 2)).tolist()
@@ -187,8 +187,7 @@ class Wearer:
             if busy is not None:
                 # Leaning in makes the object in use larger: so the picture tells its colour even without gaze.
                 scale[busy.cell[0]] += share * (0.35 + 1.0 * busy.clarity)
-        places = [SLOTS[self._slots[colour]] for colour in range(COLOURS)]
-        picture = draw(self._size, places, scale, self._palms(t_ns), self._sway(t_ns))
+        picture = draw(self._size, self._places, scale, self._palms(t_ns), self._sway(t_ns))
         return CameraFrame(t_ns, picture, t_ns // (40 * MS), StampSource.HARDWARE, self._scene.palette)
 
     def arm_intention(self, t_ns: int) -> ArmIntention:
@@ -248,7 +247,7 @@ class Wearer:
         return hands[0], hands[1]
 
     def _object(self, event: Event) -> Point:
-        return SLOTS[self._slots[event.cell[0]]]
+        return self._places[event.cell[0]]
 
     def _sway(self, t_ns: int) -> Point:
         """Slow head movement, in picture widths: two sines of this person's own phases per axis."""
