@@ -32,12 +32,20 @@ class Modality(IntEnum):
 
 @dataclass(frozen=True, slots=True)
 class CameraFrame:
-    """One picture. `rgb` is (height, width, 3) uint8, C-contiguous."""
+    """One picture. `pixels` is (height, width, 3) RGB, or (height, width) indices into `palette`, which is (n, 3) RGB:
+    pictures that are drawn have a few colours only. All of them uint8 and C-contiguous.
+    """
 
     captured_ns: int
-    rgb: NDArray[np.uint8]
+    pixels: NDArray[np.uint8]
     sequence: int
     stamp: StampSource = StampSource.ARRIVAL
+    palette: NDArray[np.uint8] | None = None
+
+    @property
+    def rgb(self) -> NDArray[np.uint8]:
+        """(height, width, 3) uint8, C-contiguous; made anew at each call where there is a palette."""
+        return self.pixels if self.palette is None else self.palette.take(self.pixels, axis=0)
 
 
 @dataclass(frozen=True, slots=True)

@@ -132,7 +132,7 @@ class BridgeSide:
         """The vision worker: hands, features."""
         if not self._running or generation != self._generation:
             return
-        probe = frame.rgb[::_PROBE_STEP, ::_PROBE_STEP].tobytes()
+        probe = frame.pixels[::_PROBE_STEP, ::_PROBE_STEP].tobytes()
         if probe != self._probe:
             self._probe, self._changed_ns = probe, frame.captured_ns
         self._camera_ns = frame.captured_ns

@@ -37,6 +37,7 @@ from hilbridge.verbs import VERBS
 from scenarios.schema import Scenario, Session
 
 _GREY = np.full((72, 96, 3), 128, np.uint8)
+_BLANK, _ONLY_GREY = np.zeros((72, 96), np.uint8), np.full((1, 3), 128, np.uint8)  # the same, drawn
 
 
 class Mind(Protocol):
@@ -79,7 +80,7 @@ class Unseen(_Recorded):
     """Stands before the sensors of a session whose features are recorded: seen by all of them, and without content."""
 
     def frame(self, t_ns: int) -> CameraFrame:
-        return CameraFrame(t_ns, _GREY, t_ns // STEP_NS, StampSource.HARDWARE)
+        return CameraFrame(t_ns, _BLANK, t_ns // STEP_NS, StampSource.HARDWARE, _ONLY_GREY)
 
     def gaze(self, t_ns: int) -> GazeSample:
         return GazeSample(t_ns, 0.5, 0.5, True, StampSource.HARDWARE)

@@ -9,9 +9,11 @@ import math
 import random
 from collections.abc import Callable
 from dataclasses import replace
+from functools import lru_cache
 from typing import Generic, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from hilbridge.records import CameraFrame, GazeSample, Hand, HandTracks
 from hilbridge.wearer.person import Tremor, Wearer
@@ -47,12 +49,11 @@ class Body:
         self._scenario, self._board = scenario, board
         self.calm = person(scenario)
         self._shaking: dict[Active, Person] = {}
-        # A recorded camera has its own noise, and no hands where none are looked for.
-        self._flickers = not isinstance(self.calm, Filmed)
+        # A recorded camera has no hands where none are looked for.
         self.has_hands = (
             not isinstance(scenario.intent, Session) or scenario.intent.video is None or scenario.intent.hands
         )
-        self._noise = np.random.default_rng(scenario.seed).integers(0, 2, WIDTH_PX * HEIGHT_PX * 3 + 251, np.uint8)
+        self._flicker = np.random.default_rng(scenario.seed).integers(0, 8, WIDTH_PX * HEIGHT_PX + 251, np.uint8)
 
     def close(self) -> None:
         """What a recorded wearer holds open."""
@@ -74,11 +75,12 @@ class Body:
     def frame(self, t_ns: int) -> CameraFrame:
         """The picture, with the flicker of a real sensor's lowest bit, so that a wearer at rest is no frozen camera."""
         frame = self._wearer().frame(t_ns)
-        if not self._flickers:
+        if frame.palette is None:  # filmed, not drawn: a recorded camera has its own noise
             return frame
         shift = frame.sequence % 251
-        noise = self._noise[shift : shift + frame.rgb.size].reshape(frame.rgb.shape)
-        return replace(frame, rgb=frame.rgb ^ noise)
+        flicker = self._flicker[shift : shift + frame.pixels.size].reshape(frame.pixels.shape)
+        palette = _flickering(frame.palette.tobytes())
+        return CameraFrame(t_ns, frame.pixels << 3 | flicker, frame.sequence, frame.stamp, palette)
 
     def gaze(self, t_ns: int) -> GazeSample:
         """The point of regard; shut or averted eyes are the wearer's faults."""
@@ -103,6 +105,14 @@ class Body:
             moved = tuple(replace(hand, x=hand.x + dx, y=hand.y + dy) for hand in tracks.hands)
             return replace(tracks, hands=moved)
         return tracks
+
+
+@lru_cache(maxsize=8)
+def _flickering(palette: bytes) -> NDArray[np.uint8]:
+    """RGB bytes -> each colour eight times over: with the lowest bits of red, green and blue as they are, or turned."""
+    colours = np.frombuffer(palette, np.uint8).reshape(-1, 1, 3)
+    turned = (np.arange(8)[:, None] >> np.arange(3) & 1).astype(np.uint8)
+    return (colours ^ turned).reshape(-1, 3)
 
 
 def _wander(amplitude: float, t_ns: int) -> tuple[float, float]:
@@ -189,7 +199,7 @@ class SensorEdge(Generic[T]):
 def spoil_frame(frame: CameraFrame, chance: random.Random) -> CameraFrame:
     """A picture of noise."""
     noise = np.random.default_rng(chance.getrandbits(32)).integers(0, 256, frame.rgb.shape, np.uint8)
-    return replace(frame, rgb=noise)
+    return replace(frame, pixels=noise, palette=None)
 
 
 def spoil_gaze(sample: GazeSample, chance: random.Random) -> GazeSample:
@@ -207,7 +217,7 @@ def spoil_hands(tracks: HandTracks, chance: random.Random) -> HandTracks:
 
 def darken(frame: CameraFrame, amount: float) -> CameraFrame:
     """A lens that clouds over: brightness falls by `amount`."""
-    return replace(frame, rgb=(frame.rgb * max(0.0, 1.0 - amount)).astype(np.uint8))
+    return replace(frame, pixels=(frame.rgb * max(0.0, 1.0 - amount)).astype(np.uint8), palette=None)
 
 
 def shift_gaze(sample: GazeSample, amount: float) -> GazeSample:

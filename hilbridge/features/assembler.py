@@ -6,16 +6,18 @@ Time is an argument.
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+import math
 
-from hilbridge.features.gaze import GazeFilter, GazeState
+import numpy as np
+
+from hilbridge.features.gaze import GazeFilter
 from hilbridge.features.hands import HandState, HandTracker
 from hilbridge.features.layout import FRAME, GAZE, HANDS, PATCH, D
 from hilbridge.features.scene import scene_features
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample, HandTracks
 
 MAX_FRAME_AGE_NS = 150_000_000
+_NO_HAND = (0.0,) * 5
 LIMIT = 20.0  # picture widths per second; faster is a defect of the input, not a movement
 
 
@@ -46,18 +48,16 @@ class FeatureAssembler:
         seen = frame is not None and now_ns - frame.captured_ns <= MAX_FRAME_AGE_NS
         stamps: list[int] = []
         if look is not None:
-            _write_gaze(values, look)
+            values[GAZE] = _limited(look.x, look.y, 1.0, look.dx, look.dy)
             stamps.append(look.captured_ns)
         if slots is not None and hands is not None:
-            _write_hands(values, slots)
+            values[HANDS] = [number for state in slots for number in _of_hand(state)]
             stamps.append(hands.captured_ns)
         if seen and frame is not None:
-            whole, patch = scene_features(frame.rgb, None if look is None else (look.x, look.y))
+            whole, patch = scene_features(frame.pixels, None if look is None else (look.x, look.y), frame.palette)
             values[FRAME] = whole
             values[PATCH] = patch
             stamps.append(frame.captured_ns)
-        np.nan_to_num(values, copy=False, nan=0.0, posinf=LIMIT, neginf=-LIMIT)
-        np.clip(values, -LIMIT, LIMIT, out=values)
         return FeatureVector(
             oldest_input_ns=min(stamps, default=now_ns),
             captured_ns=now_ns,
@@ -66,12 +66,14 @@ class FeatureAssembler:
         )
 
 
-def _write_gaze(values: NDArray[np.float32], look: GazeState) -> None:
-    values[GAZE] = (look.x, look.y, 1.0, look.dx, look.dy)
+def _of_hand(state: HandState | None) -> tuple[float, ...]:
+    return _NO_HAND if state is None else _limited(1.0, state.x, state.y, state.vx, state.vy)
 
 
-def _write_hands(values: NDArray[np.float32], slots: tuple[HandState | None, ...]) -> None:
-    block = values[HANDS].reshape(len(slots), 5)
-    for row, state in zip(block, slots, strict=True):
-        if state is not None:
-            row[:] = (1.0, state.x, state.y, state.vx, state.vy)
+def _limited(*numbers: float) -> tuple[float, ...]:
+    """Within the limit, and zero for what is no number: no filter gives that, but nothing may ever get out of here."""
+    return tuple([number if -LIMIT <= number <= LIMIT else _limit_of(number) for number in numbers])
+
+
+def _limit_of(number: float) -> float:
+    return 0.0 if math.isnan(number) else math.copysign(LIMIT, number)

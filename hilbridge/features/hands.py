@@ -1,29 +1,30 @@
 """Hands: two tracks that keep their identity (paper, "up to two hand tracks with velocities").
 
 Detections carry no identity worth trusting (handedness flips between APIs), so they are matched to tracks by position
-with the Hungarian method. Each track is a constant-velocity Kalman filter (filterpy) built here by hand: filterpy's
-`kinematic_kf(2, 1)` observes x + y (DESIGN.md). A track coasts briefly through missed detections, then it is gone.
+so that the distances' sum is least. Each track is a constant-velocity Kalman filter. It coasts briefly through missed
+detections, then it is gone.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import lru_cache
+from itertools import permutations
 
-import numpy as np
-from filterpy.kalman import KalmanFilter
-from numpy.typing import NDArray
-from scipy.optimize import linear_sum_assignment
-
+from hilbridge.features.kalman import MovingPoint
 from hilbridge.features.layout import MAX_HANDS
 from hilbridge.records import Hand, HandTracks
 
 MEASUREMENT_SD = 0.012  # of the picture: MediaPipe's palm centre scatters by about 1 %
+VELOCITY_VARIANCE = 0.5  # of a hand just found, picture widths per second squared
 ACCELERATION_SD_PER_S2 = 3.0  # reaching peaks at a few picture widths per second squared
 MATCH_DISTANCE = 0.35  # further than a hand moves in one step: another hand
 MAX_COAST_NS = 160_000_000
 MAX_AGE_NS = 150_000_000
 MIN_SCORE = 0.3
+Pairs = tuple[tuple[int, int], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,36 +39,25 @@ class HandState:
 
 class _Track:
     def __init__(self, hand: Hand, captured_ns: int) -> None:
-        kalman = KalmanFilter(dim_x=4, dim_z=2)
-        kalman.x = np.array([[hand.x], [0.0], [hand.y], [0.0]])
-        kalman.H = np.array([[1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0]])
-        kalman.P = np.diag([MEASUREMENT_SD**2, 0.5, MEASUREMENT_SD**2, 0.5])
-        kalman.R = np.eye(2) * MEASUREMENT_SD**2
-        self.kalman = kalman
+        self.point = MovingPoint(hand.x, hand.y, ACCELERATION_SD_PER_S2, MEASUREMENT_SD**2, VELOCITY_VARIANCE)
         self.stepped_ns = captured_ns
         self.seen_ns = captured_ns
 
     def predict(self, now_ns: int) -> None:
-        dt = max(0, now_ns - self.stepped_ns) * 1e-9
-        q = ACCELERATION_SD_PER_S2**2
-        pp, pv, vv = q * dt**4 / 4, q * dt**3 / 2, q * dt**2
-        self.kalman.predict(
-            F=np.array([[1.0, dt, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, dt], [0.0, 0.0, 0.0, 1.0]]),
-            Q=np.array([[pp, pv, 0.0, 0.0], [pv, vv, 0.0, 0.0], [0.0, 0.0, pp, pv], [0.0, 0.0, pv, vv]]),
-        )
-        self.stepped_ns = max(self.stepped_ns, now_ns)
+        if now_ns > self.stepped_ns:
+            self.point.predict(now_ns - self.stepped_ns)
+            self.stepped_ns = now_ns
 
     def update(self, hand: Hand, captured_ns: int) -> None:
-        self.kalman.update(np.array([[hand.x], [hand.y]]))
+        self.point.update(hand.x, hand.y)
         self.seen_ns = captured_ns
 
-    @property
-    def position(self) -> tuple[float, float]:
-        return float(self.kalman.x[0, 0]), float(self.kalman.x[2, 0])
+    def distance(self, hand: Hand) -> float:
+        return math.hypot(hand.x - self.point.x, hand.y - self.point.y)
 
     def state(self) -> HandState:
-        x, vx, y, vy = (float(number) for number in self.kalman.x[:, 0])
-        return HandState(x, y, vx, vy)
+        point = self.point
+        return HandState(point.x, point.y, point.vx, point.vy)
 
 
 class HandTracker:
@@ -103,14 +93,13 @@ class HandTracker:
         return tuple(None if track is None else track.state() for track in self._slots)
 
     def _associate(self, hands: list[Hand], now_ns: int) -> None:
-        slots = [slot for slot, track in enumerate(self._slots) if track is not None]
-        cost = self._distances(slots, hands)
+        tracks = [track for track in self._slots if track is not None]
+        distance = [[track.distance(hand) for hand in hands] for track in tracks]
         unmatched = set(range(len(hands)))
-        for row, column in zip(*linear_sum_assignment(cost), strict=True):
-            track = self._slots[slots[row]]
-            if cost[row, column] <= MATCH_DISTANCE and track is not None:
-                track.update(hands[column], now_ns)
-                unmatched.discard(int(column))
+        for row, column in nearest(distance):
+            if distance[row][column] <= MATCH_DISTANCE:
+                tracks[row].update(hands[column], now_ns)
+                unmatched.discard(column)
         # The most certain detections get what is free; a third hand is somebody else's.
         for index in sorted(unmatched, key=lambda i: -hands[i].score):
             free = [slot for slot, track in enumerate(self._slots) if track is None]
@@ -118,14 +107,21 @@ class HandTracker:
                 preferred = 0 if hands[index].x < 0.5 else 1
                 self._slots[preferred if preferred in free else free[0]] = _Track(hands[index], now_ns)
 
-    def _distances(self, slots: list[int], hands: list[Hand]) -> NDArray[np.float64]:
-        cost = np.zeros((len(slots), len(hands)))
-        for row, slot in enumerate(slots):
-            track = self._slots[slot]
-            assert track is not None
-            x, y = track.position
-            cost[row] = [math.hypot(hand.x - x, hand.y - y) for hand in hands]
-        return cost
+
+def nearest(distance: Sequence[Sequence[float]]) -> Pairs:
+    """The pairs (row, column) whose distances' sum is least: as many as there can be; of equal sums the first.
+
+    Every way is tried, since there are two rows at most: the Hungarian method would take longer to set up.
+    """
+    ways = _ways(len(distance), len(distance[0]) if distance else 0)
+    return min(ways, key=lambda way: sum([distance[row][column] for row, column in way]))
+
+
+@lru_cache(maxsize=64)
+def _ways(rows: int, columns: int) -> list[Pairs]:
+    if rows > columns:
+        return [tuple(zip(chosen, range(columns), strict=True)) for chosen in permutations(range(rows), columns)]
+    return [tuple(enumerate(chosen)) for chosen in permutations(range(columns), rows)]
 
 
 def _usable(hand: Hand) -> bool:

@@ -93,7 +93,7 @@ class Calibration:
             made = probabilities.max(axis=-1)
         if self.method is Method.ISOTONIC:
             made = np.interp(made, *self.isotonic.get(mask, self.isotonic[ALL_VALID]))
-        return np.asarray(np.clip(made, 0.0, 1.0))
+        return np.asarray(made)  # within 0..1, as knots are
 
 
 def softmax(logits: NDArray[np.float64]) -> NDArray[np.float64]:

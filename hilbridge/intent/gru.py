@@ -40,18 +40,31 @@ class Weights:
 
 
 class StreamingGru:
-    """All T staggered windows of one stream. `step` once per tick; None until the first window is full."""
+    """All T staggered windows of one stream. `step` once per tick; None until the first window is full.
+
+    What a tick costs is one product of (T, H) by (H, 3H); the rest is kept small beside it: every gate is a block of its
+    own, and what is constant is folded into weights and biases once.
+    """
 
     def __init__(self, weights: Weights, window_steps: int) -> None:
         self._w = weights
         self._steps = window_steps
-        self._hidden_weight_t = np.ascontiguousarray(weights.hidden_weight.T)
         rows, size = window_steps, weights.hidden_size
+        # sigmoid(z) = (1 + tanh(z / 2)) / 2, one fast call without overflow: the half of z is in the weights. The half of
+        # the reset gate is in the block it multiplies, n = tanh(i + r (W h + b)), so that all three blocks are halved.
+        self._input_weight = weights.input_weight.copy()
+        self._input_weight[: 2 * size] *= np.float32(0.5)
+        halved = weights.hidden_weight * np.float32(0.5)
+        self._hidden_weight_t = np.ascontiguousarray(halved.reshape(3, size, size).transpose(0, 2, 1))
+        # Biases of input and hidden state are one, but for the new state's: the reset gate takes of the hidden one only.
+        self._bias = weights.input_bias.copy()
+        self._bias[: 2 * size] += weights.hidden_bias[: 2 * size]
+        self._bias[: 2 * size] *= np.float32(0.5)
+        self._reset_bias = weights.hidden_bias[2 * size :] * np.float32(0.5)
         self._hidden = np.zeros((rows, size), dtype=np.float32)
         self._sum = np.zeros((rows, size), dtype=np.float32)
         self._count = np.zeros(rows, dtype=np.float32)
-        self._gates = np.empty((rows, 3 * size), dtype=np.float32)
-        self._new = np.empty((rows, size), dtype=np.float32)
+        self._gates = np.empty((3, rows, size), dtype=np.float32)
         self._tick = 0
 
     def reset(self) -> None:
@@ -83,25 +96,23 @@ class StreamingGru:
         return int(self._count[self._tick % self._steps])
 
     def _advance(self, x: Array) -> None:
-        w, size, gates, new = self._w, self._w.hidden_size, self._gates, self._new
+        w, hidden, gates = self._w, self._hidden, self._gates
         projected = np.maximum(w.fc_weight @ x + w.fc_bias, np.float32(0.0))
-        from_input = w.input_weight @ projected + w.input_bias
-        np.matmul(self._hidden, self._hidden_weight_t, out=gates)
-        gates += w.hidden_bias
-        ru = gates[:, : 2 * size]
-        ru += from_input[: 2 * size]
-        # sigmoid(z) = (1 + tanh(z / 2)) / 2: one fast call, no overflow.
-        ru *= np.float32(0.5)
-        np.tanh(ru, out=ru)
-        ru += np.float32(1.0)
-        ru *= np.float32(0.5)
-        np.multiply(gates[:, :size], gates[:, 2 * size :], out=new)
-        new += from_input[2 * size :]
-        np.tanh(new, out=new)
+        from_input = (self._input_weight @ projected + self._bias).reshape(3, 1, -1)
+        np.matmul(hidden, self._hidden_weight_t, out=gates)
+        sigmoids, (reset, update, gated) = gates[:2], gates
+        sigmoids += from_input[:2]
+        np.tanh(sigmoids, out=sigmoids)
+        sigmoids += np.float32(1.0)  # twice the sigmoid
+        gated += self._reset_bias
+        gated *= reset
+        gated += from_input[2]
+        new = np.tanh(gated, out=gated)
         # h = (1 - z) n + z h = n + z (h - n)
-        self._hidden -= new
-        self._hidden *= gates[:, size : 2 * size]
-        self._hidden += new
+        update *= np.float32(0.5)
+        hidden -= new
+        hidden *= update
+        hidden += new
 
 
 def full_window(weights: Weights, window: Array, usable: NDArray[np.bool_]) -> Array:

@@ -66,5 +66,10 @@ def standardise(
     values: NDArray[np.float32], valid: NDArray[np.bool_], mean: NDArray[np.float32], std: NDArray[np.float32]
 ) -> NDArray[np.float32]:
     """z-scores with zeros (the training mean) for invalid modalities: values (..., D), valid (..., 3) -> (..., D)."""
-    z = np.clip((values - mean) / std, -Z_LIMIT, Z_LIMIT)
-    return np.where(valid[..., MODALITY_OF], z, np.float32(0.0)).astype(np.float32, copy=False)
+    z = np.asarray(values - mean, dtype=np.float32)
+    z /= std
+    np.minimum(z, np.float32(Z_LIMIT), out=z)
+    np.maximum(z, np.float32(-Z_LIMIT), out=z)
+    if not valid.all():
+        z[~valid[..., MODALITY_OF]] = 0.0
+    return z

@@ -8,13 +8,13 @@ above 12.5 Hz can be seen; tremor of 12 Hz beats with the sampling and passes un
 
 from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from bisect import bisect_left, insort
+from collections import deque
 
 from hilbridge.features.layout import HANDS, MAX_HANDS
 from hilbridge.records import FeatureVector
 
-# scipy.signal.butter(2, [3.0, 11.5], btype="band", fs=25, output="sos"): written out, as intent needs numpy only.
+# scipy.signal.butter(2, [3.0, 11.5], btype="band", fs=25, output="sos"): written out, as intent needs no scipy.
 SECTIONS = (
     (0.4808384292640905, -0.961676858528181, 0.4808384292640905, 1.0, -0.9593878879281492, 0.35835169557701924),
     (1.0, 2.0, 1.0, 1.0, 1.6454265073056196, 0.7041256659214957),
@@ -36,43 +36,76 @@ class TremorGuard:
 
     def reset(self) -> None:
         """Forget the hands."""
-        channels = 2 * MAX_HANDS
-        self._state = np.zeros((len(SECTIONS), 2, channels))
-        self._rest = np.full(channels, np.nan)
-        self._magnitude = np.zeros((WINDOW_STEPS, channels))  # a ring; `_steps` says where it goes on
+        self._channels = [_Channel() for _ in range(2 * MAX_HANDS)]
         self._steps = 0
         self.trembling = False
         self.level = 0.0
 
     def update(self, vector: FeatureVector) -> bool:
         """True while the hands tremble. Without valid hands the last judgement fades as its window empties."""
-        block = vector.values[HANDS].reshape(MAX_HANDS, 5)
-        present = np.repeat(block[:, 0] > 0.0, 2)
-        position = block[:, 1:3].astype(np.float64).ravel()
-        # A hand that appears starts from where it is: a step in position is no oscillation.
-        appeared = present & np.isnan(self._rest)
-        self._state[:, :, appeared | ~present] = 0.0
-        self._rest = np.where(appeared, position, np.where(present, self._rest, np.nan))
-        filtered = self._band_pass(np.where(present, position - np.nan_to_num(self._rest), 0.0))
-        self._magnitude[self._steps % WINDOW_STEPS] = np.where(present, np.abs(filtered), 0.0)
+        channels, block = self._channels, vector.values[HANDS].tolist()
+        for hand in range(MAX_HANDS):
+            present, *position = block[5 * hand : 5 * hand + 3]
+            for axis in range(2):
+                channels[2 * hand + axis].update(position[axis] if present > 0.0 else None)
         self._steps += 1
         if self._steps >= WINDOW_STEPS:
-            self.level = _largest_median(self._magnitude) * MEDIAN_TO_SD
+            self.level = max(channel.magnitudes.median for channel in channels) * MEDIAN_TO_SD
             self.trembling = self.level > (self._off if self.trembling else self._on)
         return self.trembling
 
-    def _band_pass(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+
+class _Channel:
+    """One coordinate of one hand."""
+
+    def __init__(self) -> None:
+        self._band = BandPass()
+        self._rest: float | None = None
+        self.magnitudes = SlidingMedian(WINDOW_STEPS)
+
+    def update(self, position: float | None) -> None:
+        """The next position, None where the hand is not tracked."""
+        if position is None:
+            self._rest = None
+            self.magnitudes.add(0.0)
+            return
+        if self._rest is None:
+            # A hand that appears starts from where it is: a step in position is no oscillation.
+            self._band, self._rest = BandPass(), position
+        self.magnitudes.add(abs(self._band.step(position - self._rest)))
+
+
+class BandPass:
+    """The filter of `SECTIONS`, a sample at a time in plain floats."""
+
+    def __init__(self) -> None:
+        self._states = [(0.0, 0.0) for _ in SECTIONS]
+
+    def step(self, x: float) -> float:
+        """The next sample -> the filtered one."""
         for section, (b0, b1, b2, _, a1, a2) in enumerate(SECTIONS):
-            state = self._state[section]
-            y = b0 * x + state[0]
-            state[0] = b1 * x - a1 * y + state[1]
-            state[1] = b2 * x - a2 * y
+            first, second = self._states[section]
+            y = b0 * x + first
+            self._states[section] = (b1 * x - a1 * y + second, b2 * x - a2 * y)
             x = y
         return x
 
 
-def _largest_median(columns: NDArray[np.float64]) -> float:
-    """As `np.median(columns, axis=0).max()` for an even number of rows, at a tenth of its cost."""
-    half = len(columns) // 2
-    middle = np.sort(columns, axis=0)[half - 1 : half + 1]
-    return float((middle[0] + middle[1]).max()) / 2.0
+class SlidingMedian:
+    """The median of the last `count` numbers, an even count, zeros before the first: they are kept in order."""
+
+    def __init__(self, count: int) -> None:
+        self._recent = deque([0.0] * count)
+        self._ordered = [0.0] * count
+        self._middle = count // 2
+
+    def add(self, number: float) -> None:
+        """The newest number for the oldest."""
+        del self._ordered[bisect_left(self._ordered, self._recent.popleft())]
+        self._recent.append(number)
+        insort(self._ordered, number)
+
+    @property
+    def median(self) -> float:
+        """Half way between the two in the middle."""
+        return (self._ordered[self._middle - 1] + self._ordered[self._middle]) / 2.0

@@ -87,11 +87,12 @@ class _NoisySensor:
 
     def frame(self, t_ns: int) -> CameraFrame:
         frame = self._wearer.frame(t_ns)
-        size = frame.rgb.size
+        rgb = frame.rgb
+        size = rgb.size
         if self._noise.size != size + _NOISE_SHIFTS:
             self._noise = np.random.default_rng(0).integers(0, 2, size + _NOISE_SHIFTS, dtype=np.uint8)
         shift = frame.sequence % _NOISE_SHIFTS
-        return replace(frame, rgb=frame.rgb ^ self._noise[shift : shift + size].reshape(frame.rgb.shape))
+        return replace(frame, pixels=rgb ^ self._noise[shift : shift + size].reshape(rgb.shape), palette=None)
 
 
 class SimulatedSenses(Senses):

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-from numpy.typing import NDArray
 
 from hilbridge.records import CameraFrame, GazeSample, Hand, HandTracks, StampSource
+from hilbridge.wearer.noise import Noise
 from hilbridge.wearer.render import Scene, draw
 from hilbridge.wearer.timeline import COLOURS, DEMO, MS, Difficulty, Event, Timeline
 
@@ -111,14 +111,18 @@ class Wearer:
         self._tremor = tremor
         self._size = (width_px, height_px)
         self._timeline = Timeline(seed, difficulty)
+        self._gaze_noise, self._hand_noise = Noise(seed, 3), Noise(seed, 6)
         self._segments: list[_Segment] = [_Segment(0, None)]
         self._starts: list[int] = [0]
         self._planned = 0
+        self._planned_ns = -1
+        self._last_palms: tuple[int | None, tuple[Point, Point]] = (None, REST)
         rng = np.random.default_rng([seed, 2])
-        self._slots = [int(slot) for slot in rng.permutation(COLOURS)]
-        self._phases = rng.uniform(0.0, 2.0 * math.pi, size=12)
-        self._hand_bias = rng.normal(0.0, 0.02, size=(2, 2))
-        self._gaze_bias = rng.normal(0.0, 0.012, size=2)
+        self._places = [SLOTS[slot] for slot in rng.permutation(COLOURS)]  # of each object, by colour
+        # Plain floats: numpy's scalars are slow one at a time.
+        self._phases: list[float] = rng.uniform(0.0, 2.0 * math.pi, size=12).tolist()
+        self._hand_bias: list[list[float]] = rng.normal(0.0, 0.02, size=(2, 2)).tolist()
+        self._gaze_bias: list[float] = rng.normal(0.0, 0.012, size=2).tolist()
         self._scene = Scene.of_person(rng)
 
     def truth(self, t_ns: int) -> Truth:
@@ -144,7 +148,7 @@ class Wearer:
 
     def gaze(self, t_ns: int) -> GazeSample:
         """Point of regard: rests on the object in use, wanders when idle, jumps between fixations, blinks at times."""
-        noise = self._noise(3, t_ns)
+        noise = self._gaze_noise.normals(t_ns, 1)
         attention, after_it, elsewhere = _fixation(self._seed, t_ns // (380 * MS))
         segment = self._segment(t_ns)
         # The eyes lead: they are on the object 200 ms after the intention forms, and glance away now and then.
@@ -157,21 +161,21 @@ class Wearer:
         blink = _blinks(self._seed, t_ns // (160 * MS))
         return GazeSample(
             t_ns,
-            float(x + sway[0] + self._gaze_bias[0] + noise[0] * 0.006),
-            float(y + sway[1] + self._gaze_bias[1] + noise[1] * 0.008),
+            x + sway[0] + self._gaze_bias[0] + noise[0] * 0.006,
+            y + sway[1] + self._gaze_bias[1] + noise[1] * 0.008,
             not blink,
             StampSource.HARDWARE,
         )
 
     def hands(self, t_ns: int) -> HandTracks:
         """Both palms as a detector would give them; one is missed now and then."""
-        noise = self._noise(6, t_ns)
-        found = []
-        for side, (x, y) in enumerate(self._palms(t_ns)):
-            if noise[side] > 2.3:
-                continue
-            jitter = noise[2 + 2 * side : 4 + 2 * side] * 0.005
-            found.append(Hand(float(x + jitter[0]), float(y + jitter[1]), 0.9))
+        *missed, left_x, left_y, right_x, right_y = self._hand_noise.normals(t_ns, 3)
+        jitter = ((left_x, left_y), (right_x, right_y))
+        found = [
+            Hand(x + 0.005 * dx, y + 0.005 * dy, 0.9)
+            for (x, y), (dx, dy), miss in zip(self._palms(t_ns), jitter, missed, strict=True)
+            if miss <= 2.3
+        ]
         return HandTracks(t_ns, tuple(found))
 
     def frame(self, t_ns: int) -> CameraFrame:
@@ -183,9 +187,8 @@ class Wearer:
             if busy is not None:
                 # Leaning in makes the object in use larger: so the picture tells its colour even without gaze.
                 scale[busy.cell[0]] += share * (0.35 + 1.0 * busy.clarity)
-        places = [SLOTS[self._slots[colour]] for colour in range(COLOURS)]
-        rgb = draw(self._scene, self._size, places, scale, self._palms(t_ns), self._sway(t_ns))
-        return CameraFrame(t_ns, rgb, t_ns // (40 * MS), StampSource.HARDWARE)
+        picture = draw(self._size, self._places, scale, self._palms(t_ns), self._sway(t_ns))
+        return CameraFrame(t_ns, picture, t_ns // (40 * MS), StampSource.HARDWARE, self._scene.palette)
 
     def arm_intention(self, t_ns: int) -> ArmIntention:
         """Elbow angle the person aims for: raised while reaching or working, lowered at rest, plus any tremor."""
@@ -201,6 +204,12 @@ class Wearer:
         return angle
 
     def _palms(self, t_ns: int) -> tuple[Point, Point]:
+        # The picture and what is detected in it ask for the same moment.
+        if t_ns != self._last_palms[0]:
+            self._last_palms = (t_ns, self._palms_at(t_ns))
+        return self._last_palms[1]
+
+    def _palms_at(self, t_ns: int) -> tuple[Point, Point]:
         palms = self._voluntary_palms(t_ns)
         if self._tremor is None:
             return palms
@@ -219,7 +228,7 @@ class Wearer:
             wobble = 0.008 * math.sin(2.0 * math.pi * 0.9 * t_ns * 1e-9 + self._phases[8 + side])
             x = old[side][0] + (new[side][0] - old[side][0]) * share + self._hand_bias[side][0] + drift[0] + wobble
             y = old[side][1] + (new[side][1] - old[side][1]) * share + self._hand_bias[side][1] + drift[1]
-            palms.append((float(x), float(y)))
+            palms.append((x, y))
         return palms[0], palms[1]
 
     def _targets(self, event: Event | None) -> tuple[Point, Point]:
@@ -238,7 +247,7 @@ class Wearer:
         return hands[0], hands[1]
 
     def _object(self, event: Event) -> Point:
-        return SLOTS[self._slots[event.cell[0]]]
+        return self._places[event.cell[0]]
 
     def _sway(self, t_ns: int) -> Point:
         """Slow head movement, in picture widths: two sines of this person's own phases per axis."""
@@ -247,9 +256,6 @@ class Wearer:
         x = 0.010 * math.sin(0.9 * t_s + p[0]) + 0.006 * math.sin(2.3 * t_s + p[1])
         y = 0.008 * math.sin(0.7 * t_s + p[2]) + 0.005 * math.sin(1.9 * t_s + p[3])
         return x, y
-
-    def _noise(self, stream: int, t_ns: int) -> NDArray[np.float64]:
-        return np.random.default_rng([self._seed, stream, max(0, t_ns)]).normal(size=6)
 
     def _blend(self, t_ns: int, segment: _Segment) -> float:
         """How far the body has moved on to this segment: minimum-jerk from 0 to 1 within 0.6 s."""
@@ -266,7 +272,10 @@ class Wearer:
 
     def _plan(self, t_ns: int) -> None:
         """Segments up to `t_ns`: busy from preparation to the end, or to the next preparation; idle if that is long."""
-        events = self._timeline.until(t_ns + 4_000 * MS)
+        if t_ns <= self._planned_ns:
+            return
+        self._planned_ns = t_ns + 1_000 * MS  # ahead, so that it is not asked for at every step
+        events = self._timeline.until(self._planned_ns + 4_000 * MS)
         while self._planned < len(events) - 1:
             event, after = events[self._planned], events[self._planned + 1]
             self._append(_Segment(event.prepare_ns, event))

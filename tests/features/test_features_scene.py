@@ -6,6 +6,7 @@ from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import FRAME, GAZE, HANDS, HUE_BINS, PATCH, D
 from hilbridge.features.scene import histogram, scene_features, shrink
 from hilbridge.records import CameraFrame, GazeSample, Hand, HandTracks
+from hilbridge.wearer.person import Wearer
 
 MS = 1_000_000
 
@@ -47,7 +48,7 @@ def test_a_colourless_picture_has_no_hue():
 @pytest.mark.parametrize("shape", [(10, 10), (10, 10, 4), (1, 10, 3), (0, 0, 3)])
 def test_what_is_not_a_picture_is_refused(shape: tuple[int, ...]):
     with pytest.raises(ValueError, match="expected"):
-        shrink(np.zeros(shape, dtype=np.uint8))
+        scene_features(np.zeros(shape, dtype=np.uint8), None)
 
 
 def test_each_modality_stands_alone():
@@ -101,3 +102,33 @@ def test_hostile_input_never_gets_out_as_nan():
         vector = assembler.update(frame, gaze, hands, t_ns)
         assert np.isfinite(vector.values).all()
         assert np.abs(vector.values).max() <= 20.0
+
+
+def test_a_histogram_counts_every_pixel_as_opencv_and_numpy_do():
+    rng = np.random.default_rng(4)
+    for height, width in ((72, 96), (23, 31), (1, 1), (2, 5)):
+        hsv = rng.integers(0, (180, 256, 256), (height, width, 3)).astype(np.uint8)
+        weight = hsv[..., 1].astype(float) * hsv[..., 2]
+        hues = np.bincount(hsv[..., 0].ravel().astype(int) * HUE_BINS // 180, weight.ravel(), HUE_BINS) / weight.sum()
+        counts = [cv2.calcHist([hsv], [channel], None, [4], [0, 256]).ravel() / weight.size for channel in (1, 2)]
+        assert histogram(hsv) == pytest.approx(np.sqrt(np.concatenate([hues, *counts])), abs=1e-7)
+
+
+@pytest.mark.parametrize("size_px", [(96, 72), (640, 480)])
+def test_a_palette_gives_the_features_of_the_picture_in_full_colour(size_px: tuple[int, int]):
+    rng = np.random.default_rng(5)
+    for seed in range(5):
+        wearer = Wearer(seed, width_px=size_px[0], height_px=size_px[1])
+        for t_ns in range(0, 20_000 * MS, 1_900 * MS):
+            frame, gaze = wearer.frame(t_ns), (rng.uniform(-0.2, 1.2), rng.uniform(-0.2, 1.2))
+            indexed = scene_features(frame.pixels, gaze, frame.palette)
+            assert np.array_equal(indexed, scene_features(frame.rgb, gaze))
+
+
+def test_indices_without_a_palette_and_beyond_it_are_refused():
+    with pytest.raises(ValueError, match="expected"):
+        scene_features(np.zeros((72, 96), dtype=np.uint8), None)
+    with pytest.raises(ValueError, match="expected"):
+        scene_features(np.zeros((72, 96, 3), dtype=np.uint8), None, np.zeros((4, 3), dtype=np.uint8))
+    with pytest.raises(ValueError, match="size"):
+        scene_features(np.full((72, 96), 4, dtype=np.uint8), None, np.zeros((4, 3), dtype=np.uint8))

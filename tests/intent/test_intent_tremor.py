@@ -4,7 +4,7 @@ from scipy.signal import butter, sosfilt
 
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import STEP_NS
-from hilbridge.intent.tremor import SECTIONS, TremorGuard
+from hilbridge.intent.tremor import SECTIONS, BandPass, SlidingMedian, TremorGuard
 from hilbridge.wearer.person import Tremor, Wearer
 
 
@@ -21,10 +21,18 @@ def flags(seed, seconds, tremor=None):
 def test_the_written_out_filter_is_the_one_it_says():
     expected = butter(2, [3.0, 11.5], btype="band", fs=25, output="sos")
     assert np.allclose(SECTIONS, expected)
-    x = np.random.default_rng(0).normal(size=(200, 4))
-    guard = TremorGuard()
-    ours = np.array([guard._band_pass(row) for row in x])
-    assert np.allclose(ours, sosfilt(expected, x, axis=0))
+    x = np.random.default_rng(0).normal(size=200)
+    band = BandPass()
+    assert np.allclose([band.step(number) for number in x.tolist()], sosfilt(expected, x))
+
+
+def test_the_sliding_median_is_numpys():
+    rng = np.random.default_rng(1)
+    numbers = np.concatenate([np.zeros(32), rng.choice([0.0, 0.5, 1.0], size=100), rng.normal(size=200)])
+    sliding = SlidingMedian(32)
+    for end in range(33, len(numbers) + 1):
+        sliding.add(float(numbers[end - 1]))
+        assert sliding.median == np.median(numbers[end - 32 : end])
 
 
 @pytest.mark.parametrize("hz", [3.0, 4.0, 5.0, 6.0, 8.0, 10.0])
