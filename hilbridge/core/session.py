@@ -63,7 +63,8 @@ class Session:
         # MAC failures that the device had counted before any response of ours; None until it has told.
         self._foreign_failures: int | None = None
         self._unconfirmed = False
-        self._bridge_nonce: int | None = None
+        self._bridge_nonce = 0
+        self._nonce_spent = True
         self._offered = 0
         self._purpose = Purpose.ARM
         self._retry_ns: int | None = None
@@ -89,8 +90,9 @@ class Session:
         was dropped meanwhile, is then answered with the right key, not with a MAC that the device would count as a
         failure. Every challenge has a nonce of the device's own, so no two sessions share a key.
         """
-        if self._bridge_nonce is None:
+        if self._nonce_spent:
             self._bridge_nonce = nonce
+            self._nonce_spent = False
         self.phase = Phase.REQUESTED
         self._purpose = purpose
         self._retry_ns = now_ns + CHALLENGE_WAIT_NS
@@ -107,7 +109,7 @@ class Session:
 
     def on_challenge(self, device_nonce: int, number: int, now_ns: int) -> dict[str, int | str] | None:
         """Signals of the ARM_RESPONSE to an ARM_CHALLENGE; None when none was asked for."""
-        if self.phase is not Phase.REQUESTED or self._boot_nonce is None or self._bridge_nonce is None:
+        if self.phase is not Phase.REQUESTED or self._boot_nonce is None:
             return None
         self._key = self._crypto.session_key(self._bridge_nonce, device_nonce, self._boot_nonce, number)
         mac = self._crypto.arm_mac(self._key, self._purpose.value, number, self._bridge_nonce, device_nonce)
@@ -123,7 +125,7 @@ class Session:
         if self.phase is Phase.RESPONDED and device_armed and number == self._offered:
             self.phase = Phase.ARMED
             self._unconfirmed = False
-            self._bridge_nonce = None
+            self._nonce_spent = True
             self.number = number
             self._freshness = 0
         elif self.armed and not (device_armed and number == self.number):

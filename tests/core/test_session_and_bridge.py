@@ -600,6 +600,20 @@ def test_what_a_restarted_device_counts_before_our_response_is_not_ours() -> Non
 
 
 @requirement("P6")
+def test_what_another_bridge_fails_at_a_restarted_device_before_our_response_is_not_ours() -> None:
+    session = fresh()
+    session.request(Purpose.ARM, 1, 0)
+    session.on_challenge(1, 3, 0)
+    session.on_heartbeat(6)
+    session.on_mac_failures(0)
+    session.on_mac_failures(1)
+    session.request(Purpose.ARM, 2, 2_000 * MS)
+    session.on_challenge(2, 4, 2_000 * MS)
+    session.on_mac_failures(1)
+    assert not session.refused
+
+
+@requirement("P6")
 def test_failures_while_armed_are_anothers() -> None:
     session = fresh()
     session.request(Purpose.ARM, 1, 0)
