@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from typing import Protocol
 
-from hilbridge.bus.error_frames import ControllerState, write_error_frame
+from hilbridge.bus.error_frames import write_error_frame
 from hilbridge.bus.events import BusError, Delivered, Enqueued, Event, StateChanged
 from hilbridge.bus.frames import WireFrame
 from hilbridge.bus.link import Arrival
@@ -67,7 +67,9 @@ class Network:
 
     def pump(self) -> None:
         """Let the bus catch up with the clock and put what arrived into the inboxes."""
-        self._handle(self.medium.advance(self.clock.now_ns()))
+        events = self.medium.advance(self.clock.now_ns())
+        if events:
+            self._handle(events)
 
     def _handle(self, events: list[Event]) -> None:
         for event in events:
@@ -78,10 +80,11 @@ class Network:
 
     def _deliver(self, event: Delivered) -> None:
         stations = self._stations
+        arrival = Arrival(event.frame, event.at_ns)
         for number in event.receivers:
             station = stations.get(number)
             if station is not None:
-                station.put(Arrival(event.frame, event.at_ns))
+                station.put(arrival)
         sender = stations.get(event.sender)
         if sender is not None and sender.receive_own and event.sent:
             sender.put(Arrival(event.frame, event.at_ns, own=True))
@@ -90,6 +93,7 @@ class Network:
         if isinstance(event, StateChanged):
             station = self._stations.get(event.node)
             if station is not None:
+                station.state = event.state
                 station.put_error(event.at_ns, *write_error_frame(event.state, event.tec, event.rec))
         elif isinstance(event, BusError):
             for number, kind in event.errors.items():
@@ -134,6 +138,7 @@ class Station:
         self.receive_own = receive_own
         self.bus_errors = bus_errors
         self.dropped = 0
+        self.state = network.medium.node(number).state  # of error confinement, as of the last pump
         self._inbox: deque[Arrival] = deque()
         self._tag = 0
         medium = network.medium
@@ -158,6 +163,8 @@ class Station:
 
     def drain(self) -> list[Arrival]:
         """All that had arrived when the network was last pumped."""
+        if not self._inbox:
+            return []
         arrivals = list(self._inbox)
         self._inbox.clear()
         return arrivals
@@ -198,11 +205,6 @@ class Station:
         """Leave bus-off after 128 sequences of eleven recessive bits, where that does not happen by itself."""
         self.network.pump()
         self.network.medium.recover(self.number)
-
-    @property
-    def state(self) -> ControllerState:
-        """Error confinement state."""
-        return self.network.medium.node(self.number).state
 
     def close(self) -> None:
         """Leave the network, with all that was queued."""
