@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from hilbridge.core.deadline import Deadline
 from hilbridge.core.session import Crypto, Purpose, Session
@@ -51,8 +51,7 @@ class BridgeState(StrEnum):
     FAULT = "Fault"
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceStatus:
+class DeviceStatus(NamedTuple):
     """The last CTRL_STATUS: state, reason and verb under their DBC names, authority in percent."""
 
     state: str
