@@ -183,11 +183,7 @@ class Medium:
             offers = wire.offers(self.nodes, self._script)
             if not offers:
                 return None
-            start_ns = (
-                max(wire.free_ns, min(offer[0] for offer in offers))
-                if len(offers) > 1
-                else max(wire.free_ns, offers[0][0])
-            )
+            start_ns = wire.start_ns(offers)
             if limit_ns is not None and start_ns > limit_ns:
                 return start_ns
             self._begin(wire, start_ns, offers)
@@ -219,7 +215,7 @@ class Medium:
         if wire.current is not None:
             return wire.current.end_ns
         offers = wire.offers(self.nodes, self._script)
-        return max(wire.free_ns, min(offer[0] for offer in offers)) if offers else None
+        return wire.start_ns(offers) if offers else None
 
     # One wire
 
@@ -242,7 +238,7 @@ class Medium:
         offers = wire.offers(self.nodes, self._script)
         start_ns = now_ns + 1
         if offers:
-            start_ns = max(wire.free_ns, min(ready_ns for ready_ns, _, _ in offers))
+            start_ns = wire.start_ns(offers)
         if self.nodes.off:
             wire.count_idle(self.nodes, min(start_ns, now_ns), self._sequence_ns, events)
         if start_ns > now_ns:
