@@ -91,8 +91,9 @@ def step(
 
     The same estimate seen twice is smoothed once, so a stalled predictor cannot talk itself into confidence.
     """
-    problem = veto or _estimate_problem(config, estimate, now_ns)
-    if problem in _FORGETS or estimate is None or _unusable(estimate):
+    usable = estimate is not None and _usable(estimate)
+    problem = veto or _estimate_problem(config, estimate if usable else None, now_ns)
+    if problem in _FORGETS or estimate is None or not usable:
         believed = replace(state, smoothed=(), last_produced_ns=None)
     elif estimate.produced_ns == state.last_produced_ns:
         believed = state
@@ -148,7 +149,7 @@ def _hold(state: GateState, now_ns: int, confidence: float, reason: HoldReason) 
 
 
 def _estimate_problem(config: GateConfig, estimate: IntentEstimate | None, now_ns: int) -> HoldReason | None:
-    if estimate is None or _unusable(estimate):
+    if estimate is None:
         return HoldReason.NO_ESTIMATE
     # A stamp from the future is a clock that cannot be trusted: as stale as one from the distant past.
     if not 0 <= now_ns - estimate.oldest_input_ns <= config.max_age_ns:
@@ -156,12 +157,10 @@ def _estimate_problem(config: GateConfig, estimate: IntentEstimate | None, now_n
     return None
 
 
-def _unusable(estimate: IntentEstimate) -> bool:
-    """True unless every number is a probability (NaN fails every comparison, so it is unusable too)."""
+def _usable(estimate: IntentEstimate) -> bool:
+    """Whether every number is a probability (NaN fails every comparison, so it is not usable either)."""
     numbers = (*estimate.probabilities, estimate.confidence)
-    return not (
-        0 <= estimate.verb_index < len(estimate.probabilities) and all(0.0 <= number <= 1.0 for number in numbers)
-    )
+    return 0 <= estimate.verb_index < len(estimate.probabilities) and all(0.0 <= number <= 1.0 for number in numbers)
 
 
 def believable(estimate: IntentEstimate) -> tuple[float, ...]:
