@@ -197,7 +197,7 @@ class BridgeSide:
     def poll(self, now_ns: int) -> None:
         """Once a millisecond: take in what has arrived, answer it, notice the state of the controller chip."""
         station = self.world.bridge_station
-        arrivals = station.drain()
+        arrivals = station.drain() if station.inbox else ()
         if not self.alive:
             return
         if arrivals:
@@ -215,18 +215,12 @@ class BridgeSide:
     def _receive(self, now_ns: int) -> None:
         for frame in self._inbox:
             decoded, answers = self.node.receive(frame, frame.received_ns)
-            self.world.record(
-                "/can",
-                now_ns,
-                {
-                    "dir": "rx",
-                    "id": frame.can_id,
-                    "data": frame.data.hex(),
-                    "name": None if decoded is None else decoded.name,
-                    "received_ns": frame.received_ns,
-                },
-            )
-            self._send(answers)
+            if self.world.is_recorded:
+                name = None if decoded is None else decoded.name
+                row = {"dir": "rx", "id": frame.can_id, "data": frame.data.hex(), "name": name}
+                self.world.record("/can", now_ns, {**row, "received_ns": frame.received_ns})
+            if answers:
+                self._send(answers)
         self._inbox.clear()
 
     def _notice(self, chip: ControllerState) -> None:
@@ -242,7 +236,8 @@ class BridgeSide:
     def _send(self, frames: list[Frame]) -> None:
         now_ns = self.world.clock.time_ns
         for frame in frames:
-            self.world.record("/can", now_ns, {"dir": "tx", "id": frame.can_id, "data": frame.data.hex()})
+            if self.world.is_recorded:
+                self.world.record("/can", now_ns, {"dir": "tx", "id": frame.can_id, "data": frame.data.hex()})
             for when_ns, can_id, data in self.tap.send(frame.can_id, frame.data, now_ns):
                 self.world.put_on_bus(self.world.bridge_station, when_ns, can_id, data, self._not_sent)
 

@@ -24,6 +24,7 @@ from hilbridge.bus.error_frames import ControllerState
 from hilbridge.bus.events import Enqueued
 from hilbridge.bus.frames import WireFrame
 from hilbridge.bus.inprocess import Network, Station
+from hilbridge.bus.link import Arrival
 from hilbridge.bus.medium import Medium
 from hilbridge.bus.wire_faults import Corruption, Where, WireCut, WireFaults
 from scenarios.bridge_side import BridgeSide
@@ -43,6 +44,7 @@ _EVERYBODY = frozenset({"bridge", "device", "intruder"})
 _SENT_BY_BRIDGE = (0x060, 0x061, 0x120, 0x300)
 _DEVICE_FAULTS = ("device.sensor_fault", "device.actuator_lag", "device.torque_bias")
 _BUS_OFF = ControllerState.BUS_OFF
+_QUEUED = Enqueued.QUEUED
 
 
 class WorldClock:
@@ -63,12 +65,14 @@ class WorldClock:
 class Lockstep:
     """One run. `run()` once; `tracks`, `board`, `device` and `bridge` tell what happened."""
 
-    def __init__(self, scenario: Scenario, record: Record = lambda topic, time_ns, row: None) -> None:
+    def __init__(self, scenario: Scenario, record: Record | None = None) -> None:
+        """`record` takes the rows of a recording; without it those of frames and of the device are not even made."""
         self.scenario = scenario
         self.clock = WorldClock()
         self.tracks = Tracks()
         self.board = FaultBoard(scenario.steps)
-        self.record = record
+        self.record = _unrecorded if record is None else record
+        self.is_recorded = record is not None
         self.body = Body(scenario, self.board)
         self._heap: list[tuple[int, int, Callable[[], None]]] = []
         self._order = 0
@@ -90,7 +94,7 @@ class Lockstep:
         self.device_station = self.network.attach("device")
         self.device = Device(DeviceState(DEMO_KEY, self._random.getrandbits(32)), self.scenario.device.arm)
         self.device_tap = Tap("device", self.board, self.scenario.seed)
-        self.probe = DeviceProbe(self.tracks, self.record)
+        self.probe = DeviceProbe(self.tracks, self.record if self.is_recorded else None)
         self._device_dropped = 0
 
     # The heap
@@ -252,9 +256,9 @@ class Lockstep:
         device, station, board = self.device, self.device_station, self.board
         if not board.quiet:
             self._wearers_arm(now_ns)
-        self.network.pump()
-        arrivals = station.drain()
-        frames = tuple([_received(arrival.frame) for arrival in arrivals if not arrival.error]) if arrivals else ()
+        if self.network.medium.due_ns <= now_ns:
+            self.network.pump()
+        frames = _received(station.drain()) if station.inbox else ()
         device.bus_off = station.state is _BUS_OFF
         outgoing = device.tick(frames, self._random.getrandbits(32), 0, self._device_dropped)
         if outgoing:
@@ -296,7 +300,7 @@ class Lockstep:
         """Hand a frame to a controller chip, now or later; a full queue or a bus-off chip drops it, which is told."""
         if when_ns > self.clock.time_ns:
             self.at(when_ns, lambda: self.put_on_bus(station, when_ns, can_id, data, dropped))
-        elif station.send(WireFrame(can_id, data)) is not Enqueued.QUEUED:
+        elif station.send(WireFrame(can_id, data)) is not _QUEUED:
             dropped()
 
     def bridge_is_off(self) -> None:
@@ -307,8 +311,18 @@ class Lockstep:
             self._use_wire()
 
 
-def _received(wire: WireFrame) -> Received:
-    return Received(wire.can_id, wire.data, not (wire.is_extended or wire.is_fd or wire.is_remote))
+def _received(arrivals: list[Arrival]) -> tuple[Received, ...]:
+    return tuple(
+        [
+            Received(wire.can_id, wire.data, not (wire.is_extended or wire.is_fd or wire.is_remote))
+            for wire, _, _, error, _ in arrivals
+            if not error
+        ]
+    )
+
+
+def _unrecorded(topic: str, time_ns: int, row: Mapping[str, Any]) -> None:
+    """Where nobody keeps a recording."""
 
 
 def tremor_torque_nm(tremor: Active, now_ns: int) -> float:

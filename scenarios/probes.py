@@ -38,7 +38,7 @@ class DeviceProbe:
     commands have said HOLD (0 while they say ACT), `device.stop_age_ms` for how long a STOP has stood.
     """
 
-    def __init__(self, tracks: Tracks, record: Callable[[str, int, Mapping[str, Any]], None]) -> None:
+    def __init__(self, tracks: Tracks, record: Callable[[str, int, Mapping[str, Any]], None] | None) -> None:
         self._tracks, self._record = tracks, record
         self._hold_since_ms: int | None = None
         self._stopped_ms: int | None = None
@@ -70,7 +70,7 @@ class DeviceProbe:
             put, time_ms = self._tracks.put, now_ns / MS
             put(time_ms, "device.angle_deg", round(57.29578 * device.arm.angle, 3))
             put(time_ms, "device.velocity_deg_s", round(57.29578 * device.arm.velocity, 3))
-        if changed or ticks % LOG_CYCLE_MS == 0:
+        if self._record is not None and (changed or ticks % LOG_CYCLE_MS == 0):
             self._record("/device", now_ns, device.record())
 
     def _put_changes(self, seen: tuple[State, Reason, bool, int, int, int], time_ms: float) -> bool:

@@ -20,6 +20,7 @@ from hilbridge.bus.nodes import BABBLE_TAG, TX_QUEUE_LIMIT, Node, Population, Qu
 from hilbridge.bus.wire import NS_PER_S, Offer, Transmission, Wire
 from hilbridge.bus.wire_faults import FOREVER_NS, FaultState, WireFaults
 
+_QUEUED = Enqueued.QUEUED
 SUSPEND_BITS = 8  # an error-passive sender waits this long after intermission
 
 
@@ -37,7 +38,7 @@ class Medium:
         self._wires: dict[int, Wire] = {0: Wire(0, 0)}
         self._next_number = 1
         self._now_ns = 0
-        self._due_ns = 0  # before this time `advance` has nothing to do; 0: it has to look
+        self.due_ns = 0  # before this time `advance` has nothing to do; 0: it has to look
         self._bit_ns = NS_PER_S // bitrate if NS_PER_S % bitrate == 0 else 0
         self._intermission_ns = self.duration_ns(INTERMISSION_BITS)
         self._sequence_ns = self.duration_ns(RECOVERY_SEQUENCE_BITS)
@@ -89,7 +90,7 @@ class Medium:
         self._script = self.fault_state if faults.babbles or faults.stalls else None
         edges = {edge for cut in faults.cuts for edge in (cut.from_ns, cut.until_ns)}
         self._edges = sorted(edge for edge in edges if edge > self._now_ns)
-        self._due_ns = 0
+        self.due_ns = 0
         for node in self.nodes.all.values():
             self._place(node)
 
@@ -102,7 +103,7 @@ class Medium:
             self.fault_state.effects["cut"] += 1
             self._wires.setdefault(node.number, Wire(node.number, self._now_ns))
         self.nodes.changed()
-        self._due_ns = 0
+        self.due_ns = 0
 
     def duration_ns(self, nominal_bits: int, data_bits: int = 0) -> int:
         """How long so many bits last at the two bit rates."""
@@ -122,13 +123,13 @@ class Medium:
             return Enqueued.FULL
         node.put(Queued(arbitration_key(frame), now_ns, frame, tag))
         self.nodes.waiting[number] = node
-        self._due_ns = 0
-        return Enqueued.QUEUED
+        self.due_ns = 0
+        return _QUEUED
 
     def advance(self, now_ns: int) -> list[Event]:
         """Let the bus run up to and including `now_ns`; gives what happened, in order of time."""
         events: list[Event] = []
-        if now_ns < self._due_ns:
+        if now_ns < self.due_ns:
             self._now_ns = now_ns
             return events
         while self._edges and self._edges[0] <= now_ns:
@@ -139,7 +140,7 @@ class Medium:
                 self._place(node)
         self._run_all(now_ns, events)
         self._now_ns = now_ns
-        self._due_ns = self._next_due_ns()
+        self.due_ns = self._next_due_ns()
         return events
 
     def _next_due_ns(self) -> int:
