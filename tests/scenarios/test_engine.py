@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -35,7 +34,8 @@ def acting(*steps: dict[str, object], duration: str = "3.5 s") -> Scenario:
 def test_the_devices_tick_takes_its_turn_among_those_of_one_time(monkeypatch: pytest.MonkeyPatch) -> None:
     """First come, first served: what was planned before the last tick ended comes before it, what came later after."""
     scenario = acting(duration="5 ms")
-    world = Lockstep(replace(scenario, device=replace(scenario.device, clock_ppm=0.0)))
+    punctual = scenario.device.model_copy(update={"clock_ppm": 0.0})
+    world = Lockstep(scenario.model_copy(update={"device": punctual}))
     said: list[str] = []
     monkeypatch.setattr(world.bridge, "start", lambda: None)
     monkeypatch.setattr(world, "_device_tick", lambda now_ns: said.append(f"tick {now_ns // MS}"))
