@@ -91,9 +91,8 @@ def step(
 
     The same estimate seen twice is smoothed once, so a stalled predictor cannot talk itself into confidence.
     """
-    usable = estimate is not None and _usable(estimate)
-    problem = veto or _estimate_problem(config, estimate if usable else None, now_ns)
-    if problem in _FORGETS or estimate is None or not usable:
+    problem = veto or _estimate_problem(config, estimate, now_ns)
+    if problem in _FORGETS or estimate is None or _unusable(estimate):
         believed = replace(state, smoothed=(), last_produced_ns=None)
     elif estimate.produced_ns == state.last_produced_ns:
         believed = state
@@ -149,7 +148,7 @@ def _hold(state: GateState, now_ns: int, confidence: float, reason: HoldReason) 
 
 
 def _estimate_problem(config: GateConfig, estimate: IntentEstimate | None, now_ns: int) -> HoldReason | None:
-    if estimate is None:
+    if estimate is None or _unusable(estimate):
         return HoldReason.NO_ESTIMATE
     # A stamp from the future is a clock that cannot be trusted: as stale as one from the distant past.
     if not 0 <= now_ns - estimate.oldest_input_ns <= config.max_age_ns:
@@ -157,10 +156,12 @@ def _estimate_problem(config: GateConfig, estimate: IntentEstimate | None, now_n
     return None
 
 
-def _usable(estimate: IntentEstimate) -> bool:
-    """Whether every number is a probability (NaN fails every comparison, so it is not usable either)."""
+def _unusable(estimate: IntentEstimate) -> bool:
+    """True unless every number is a probability (NaN fails every comparison, so it is unusable too)."""
     numbers = (*estimate.probabilities, estimate.confidence)
-    return 0 <= estimate.verb_index < len(estimate.probabilities) and all(0.0 <= number <= 1.0 for number in numbers)
+    return not (
+        0 <= estimate.verb_index < len(estimate.probabilities) and all(0.0 <= number <= 1.0 for number in numbers)
+    )
 
 
 def believable(estimate: IntentEstimate) -> tuple[float, ...]:

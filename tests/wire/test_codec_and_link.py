@@ -408,6 +408,12 @@ def test_both_sides_run_the_same_state_machine(results: list[CheckStatus]) -> No
         assert len(mine.window) == len(other.window)
 
 
+def test_a_full_window_of_good_frames_keeps_the_machine_valid_or_makes_it_so() -> None:
+    for machine in (MachineState.INIT, MachineState.VALID, MachineState.INVALID):
+        before = ReceiverState(7, machine, (OK, OK, OK, OK), 3)
+        assert e2e.advance(before, OK) == ReceiverState(7, MachineState.VALID, (OK, OK, OK, OK), 3)
+
+
 @pytest.mark.parametrize(
     ("results", "machine"),
     [
@@ -423,6 +429,9 @@ def test_both_sides_run_the_same_state_machine(results: list[CheckStatus]) -> No
         ((OK, OK, E, OK, OK, OK, E), MachineState.VALID),
         ((OK, OK, R, R, R), MachineState.VALID),
         ((OK, OK, W, W, W, W), MachineState.INVALID),
+        ((OK, OK, OK, OK, OK, E), MachineState.VALID),
+        ((OK, OK, OK, OK, OK, E, E), MachineState.INVALID),
+        ((OK, OK, OK, OK, OK, R, R, R, R), MachineState.INVALID),
         ((OK, OK, E, E, OK, OK, OK), MachineState.INVALID),
         ((OK, OK, E, E, OK, OK, OK, OK), MachineState.VALID),
         ((OK, OK, R, R, R, R, OK), MachineState.INVALID),
