@@ -6,6 +6,7 @@ import random
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from hilbridge.bus.error_frames import ControllerState
 from hilbridge.bus.link import Arrival
 from hilbridge.config import SensorsConfig
 from hilbridge.core.bridge import Bridge, BridgeConfig
@@ -37,6 +38,13 @@ TICK_PERIOD_NS = 40 * MS
 VISION_NS = 12 * MS
 TICK_PHASE_NS = 15 * MS
 _PROBE_STEP = 16
+_BUS_OFF = ControllerState.BUS_OFF
+_BUS_CODES = {  # of BRIDGE_DIAG
+    ControllerState.ACTIVE: 1,
+    ControllerState.WARNING: 2,
+    ControllerState.PASSIVE: 3,
+    ControllerState.BUS_OFF: 4,
+}
 _LIMITS = SensorsConfig()
 _CODEC = Codec()
 
@@ -67,7 +75,7 @@ class BridgeSide:
         self.frames_lost_before = 0  # known to processes that died since
         self._nonces = random.Random(f"{scenario.seed}.nonces")
         self._generation = 0
-        self._bus_code = 0
+        self._chip: ControllerState | None = None
         self._boot()
 
     def _boot(self) -> None:
@@ -186,44 +194,50 @@ class BridgeSide:
         self._send(tick.frames)
         self._note(tick, now_ns)
 
-    def poll(self) -> None:
+    def poll(self, now_ns: int) -> None:
         """Once a millisecond: take in what has arrived, answer it, notice the state of the controller chip."""
-        world = self.world
-        arrivals = world.bridge_station.drain()
+        station = self.world.bridge_station
+        arrivals = station.drain() if station.inbox else ()
         if not self.alive:
             return
-        self._inbox += map(_frame, arrivals)
+        if arrivals:
+            self._inbox += map(_frame, arrivals)
         if self._hung or self._stalled:
             return
-        now_ns = world.clock.time_ns
-        for frame in self._inbox:
-            decoded, answers = self.node.receive(frame, frame.received_ns)
-            world.record(
-                "/can",
-                now_ns,
-                {
-                    "dir": "rx",
-                    "id": frame.can_id,
-                    "data": frame.data.hex(),
-                    "name": None if decoded is None else decoded.name,
-                    "received_ns": frame.received_ns,
-                },
-            )
-            self._send(answers)
-        self._inbox.clear()
+        if self._inbox:
+            self._receive(now_ns)
         if stops := self.node.bridge.poll(now_ns):
             self._send(stops)
-        code, off = world.bus_code()
-        if code != self._bus_code:
-            self._bus_code = code
-            self.node.bridge.on_bus_state(code, off)
-            if off:
+        chip = station.state
+        if chip is not self._chip or chip is _BUS_OFF:
+            self._notice(chip)
+
+    def _receive(self, now_ns: int) -> None:
+        for frame in self._inbox:
+            decoded, answers = self.node.receive(frame, frame.received_ns)
+            if self.world.is_recorded:
+                name = None if decoded is None else decoded.name
+                row = {"dir": "rx", "id": frame.can_id, "data": frame.data.hex(), "name": name}
+                self.world.record("/can", now_ns, {**row, "received_ns": frame.received_ns})
+            if answers:
+                self._send(answers)
+        self._inbox.clear()
+
+    def _notice(self, chip: ControllerState) -> None:
+        """The controller chip is in another state, or is bus-off."""
+        if chip is _BUS_OFF:
+            self.world.bridge_is_off()
+        if chip is not self._chip:
+            self._chip = chip
+            self.node.bridge.on_bus_state(_BUS_CODES.get(chip, 0), chip is _BUS_OFF)
+            if chip is _BUS_OFF:
                 self.node.bridge.on_send_failed(bus_down=True)
 
     def _send(self, frames: list[Frame]) -> None:
         now_ns = self.world.clock.time_ns
         for frame in frames:
-            self.world.record("/can", now_ns, {"dir": "tx", "id": frame.can_id, "data": frame.data.hex()})
+            if self.world.is_recorded:
+                self.world.record("/can", now_ns, {"dir": "tx", "id": frame.can_id, "data": frame.data.hex()})
             for when_ns, can_id, data in self.tap.send(frame.can_id, frame.data, now_ns):
                 self.world.put_on_bus(self.world.bridge_station, when_ns, can_id, data, self._not_sent)
 
@@ -269,9 +283,10 @@ class BridgeSide:
         else:
             self._stalled = False
         if not self._hung and not self._stalled:
+            now_ns = self.world.clock.time_ns
             self.world.network.pump()
-            self.poll()
-            self._run_tick(self.world.clock.time_ns)
+            self.poll(now_ns)
+            self._run_tick(now_ns)
 
     def _come_back(self) -> None:
         if not self.alive:

@@ -1,7 +1,10 @@
-"""The lockstep engine: bridge, predictor, bit-level bus, controller at 1 kHz, arm and wearer on one event heap.
+"""The lockstep engine: bridge, predictor, bit-level bus, controller at 1 kHz, arm and wearer on one time line.
 
 Every part is the code that runs live; only clock and sockets are the engine's. Time is the world's, in ns from 0; the
 device's clock runs off by the scenario's ppm. The same scenario and seed give the same run, to the byte.
+
+What happens now and then waits on a heap. The device's tick, of which there are a thousand a second, takes its turn
+among them without being put there; what it calls costs next to nothing while nothing has changed.
 """
 
 from __future__ import annotations
@@ -9,7 +12,7 @@ from __future__ import annotations
 import heapq
 import math
 import random
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 from firmware_sim.device import Device
@@ -21,6 +24,7 @@ from hilbridge.bus.error_frames import ControllerState
 from hilbridge.bus.events import Enqueued
 from hilbridge.bus.frames import WireFrame
 from hilbridge.bus.inprocess import Network, Station
+from hilbridge.bus.link import Arrival
 from hilbridge.bus.medium import Medium
 from hilbridge.bus.wire_faults import Corruption, Where, WireCut, WireFaults
 from scenarios.bridge_side import BridgeSide
@@ -39,12 +43,8 @@ Record = Callable[[str, int, Mapping[str, Any]], None]
 _EVERYBODY = frozenset({"bridge", "device", "intruder"})
 _SENT_BY_BRIDGE = (0x060, 0x061, 0x120, 0x300)
 _DEVICE_FAULTS = ("device.sensor_fault", "device.actuator_lag", "device.torque_bias")
-_BUS_CODES = {
-    ControllerState.ACTIVE: 1,
-    ControllerState.WARNING: 2,
-    ControllerState.PASSIVE: 3,
-    ControllerState.BUS_OFF: 4,
-}
+_BUS_OFF = ControllerState.BUS_OFF
+_QUEUED = Enqueued.QUEUED
 
 
 class WorldClock:
@@ -65,12 +65,14 @@ class WorldClock:
 class Lockstep:
     """One run. `run()` once; `tracks`, `board`, `device` and `bridge` tell what happened."""
 
-    def __init__(self, scenario: Scenario, record: Record = lambda topic, time_ns, row: None) -> None:
+    def __init__(self, scenario: Scenario, record: Record | None = None) -> None:
+        """`record` takes the rows of a recording; without it those of frames and of the device are not even made."""
         self.scenario = scenario
         self.clock = WorldClock()
         self.tracks = Tracks()
         self.board = FaultBoard(scenario.steps)
-        self.record = record
+        self.record = _unrecorded if record is None else record
+        self.is_recorded = record is not None
         self.body = Body(scenario, self.board)
         self._heap: list[tuple[int, int, Callable[[], None]]] = []
         self._order = 0
@@ -92,15 +94,19 @@ class Lockstep:
         self.device_station = self.network.attach("device")
         self.device = Device(DeviceState(DEMO_KEY, self._random.getrandbits(32)), self.scenario.device.arm)
         self.device_tap = Tap("device", self.board, self.scenario.seed)
-        self.probe = DeviceProbe(self.tracks, self.record)
+        self.probe = DeviceProbe(self.tracks, self.record if self.is_recorded else None)
         self._device_dropped = 0
 
     # The heap
 
     def at(self, when_ns: int, do: Callable[[], None]) -> None:
         """Have something done at `when_ns` (or now, if that is past); first come, first served within one time."""
+        heapq.heappush(self._heap, (max(when_ns, self.clock.time_ns), self._turn(), do))
+
+    def _turn(self) -> int:
+        """The next place in the order of those who come at one time."""
         self._order += 1
-        heapq.heappush(self._heap, (max(when_ns, self.clock.time_ns), self._order, do))
+        return self._order
 
     def run(self) -> None:
         """From 0 to the scenario's end."""
@@ -108,13 +114,21 @@ class Lockstep:
             if step.at is not None:
                 self.at(step.at, self._striker(number))
         self.bridge.start()
-        self.at(self._tick_ns, self._device_tick)
-        end_ns = self.scenario.duration
-        heap = self._heap
-        while heap and heap[0][0] <= end_ns:
-            self.clock.time_ns, _, do = heapq.heappop(heap)
-            do()
-        self.clock.time_ns = end_ns
+        heap, clock, end_ns = self._heap, self.clock, self.scenario.duration
+        tick = (self._tick_ns, self._turn())
+        while True:
+            if heap and heap[0] < tick:
+                if heap[0][0] > end_ns:
+                    break
+                clock.time_ns, _, do = heapq.heappop(heap)
+                do()
+            elif tick[0] > end_ns:
+                break
+            else:
+                clock.time_ns = tick[0]
+                self._device_tick(tick[0])
+                tick = (tick[0] + self._tick_ns, self._turn())
+        clock.time_ns = end_ns
 
     def counters(self) -> dict[str, int]:
         """Everything that was counted on both sides and on the wire."""
@@ -154,6 +168,8 @@ class Lockstep:
 
     def _finish(self, number: int) -> None:
         active = self.board.end(number)
+        if self.board.quiet:
+            self.device.wearer_extra_nm = 0.0
         self._note_faults()
         self.record("/event", self.clock.time_ns, {"text": f"fault: {active.step.fault} ends"})
         self._end(active)
@@ -224,7 +240,7 @@ class Lockstep:
         effects.clear()
 
     def _look_for_conditions(self) -> None:
-        if not self._waiting or self._looked_at == self.tracks.version:
+        if self._looked_at == self.tracks.version:
             return
         self._looked_at = self.tracks.version
         for number in sorted(self._waiting):
@@ -236,30 +252,33 @@ class Lockstep:
 
     # The device
 
-    def _device_tick(self) -> None:
-        now_ns, device, station = self.clock.time_ns, self.device, self.device_station
-        self._wearers_arm(now_ns)
-        self.network.pump()
-        frames = tuple([_received(arrival.frame) for arrival in station.drain() if not arrival.error])
-        device.bus_off = station.state is ControllerState.BUS_OFF
+    def _device_tick(self, now_ns: int) -> None:
+        device, station, board = self.device, self.device_station, self.board
+        if not board.quiet:
+            self._wearers_arm(now_ns)
+        if self.network.medium.due_ns <= now_ns:
+            self.network.pump()
+        frames = _received(station.drain()) if station.inbox else ()
+        device.bus_off = station.state is _BUS_OFF
         outgoing = device.tick(frames, self._random.getrandbits(32), 0, self._device_dropped)
+        if outgoing:
+            self._send_devices(outgoing, now_ns)
+        self.probe.look(device, now_ns, frames)
+        self.bridge.poll(now_ns)
+        if outgoing and (cut := board.get("bus.cut")) is not None:
+            cut.took_effect()
+        if self._waiting:
+            self._look_for_conditions()
+
+    def _send_devices(self, outgoing: Sequence[tuple[int, bytes]], now_ns: int) -> None:
         for can_id, data in outgoing:
             for when_ns, sent_id, sent_data in self.device_tap.send(can_id, data, now_ns):
-                self.put_on_bus(station, when_ns, sent_id, sent_data, self._device_drop)
-        self.probe.look(device, now_ns, frames)
-        self.bridge.poll()
-        if outgoing and (cut := self.board.get("bus.cut")) is not None:
-            cut.took_effect()
-        self._look_for_conditions()
-        self.at(now_ns + self._tick_ns, self._device_tick)
+                self.put_on_bus(self.device_station, when_ns, sent_id, sent_data, self._device_drop)
 
     def _device_drop(self) -> None:
         self._device_dropped += 1
 
     def _wearers_arm(self, now_ns: int) -> None:
-        if self.board.quiet:
-            self.device.wearer_extra_nm = 0.0
-            return
         extra_nm = 0.0
         get = self.board.get
         if (opposing := get("wearer.opposing")) is not None and self.device.state.torque.assist_unm:
@@ -281,22 +300,29 @@ class Lockstep:
         """Hand a frame to a controller chip, now or later; a full queue or a bus-off chip drops it, which is told."""
         if when_ns > self.clock.time_ns:
             self.at(when_ns, lambda: self.put_on_bus(station, when_ns, can_id, data, dropped))
-        elif station.send(WireFrame(can_id, data)) is not Enqueued.QUEUED:
+        elif station.send(WireFrame(can_id, data)) is not _QUEUED:
             dropped()
 
-    def bus_code(self) -> tuple[int, bool]:
-        """The bridge's controller chip: code for BRIDGE_DIAG, and whether it is bus-off."""
-        state = self.bridge_station.state
-        off = state is ControllerState.BUS_OFF
-        if off and self._forcing_off is not None:
+    def bridge_is_off(self) -> None:
+        """The bridge has seen that its controller chip is bus-off: a fault that forced it has taken effect."""
+        if self._forcing_off is not None:
             self._forcing_off.took_effect()
             self._forcing_off = None
             self._use_wire()
-        return _BUS_CODES.get(state, 0), off
 
 
-def _received(wire: WireFrame) -> Received:
-    return Received(wire.can_id, wire.data, not (wire.is_extended or wire.is_fd or wire.is_remote))
+def _received(arrivals: list[Arrival]) -> tuple[Received, ...]:
+    return tuple(
+        [
+            Received(wire.can_id, wire.data, not (wire.is_extended or wire.is_fd or wire.is_remote))
+            for wire, _, _, error, _ in arrivals
+            if not error
+        ]
+    )
+
+
+def _unrecorded(topic: str, time_ns: int, row: Mapping[str, Any]) -> None:
+    """Where nobody keeps a recording."""
 
 
 def tremor_torque_nm(tremor: Active, now_ns: int) -> float:

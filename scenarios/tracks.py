@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Mapping
 
 from scenarios.signals import Trace, sample_and_hold
 
 Value = float | str | bool
+_UNHEARD = object()  # equals no value
 
 
 class Tracks:
@@ -14,15 +16,15 @@ class Tracks:
 
     def __init__(self) -> None:
         self.now: dict[str, Value] = {}
-        self.events: dict[str, list[tuple[float, Value]]] = {}
+        self.events: defaultdict[str, list[tuple[float, Value]]] = defaultdict(list)
         self.version = 0
 
     def put(self, time_ms: float, name: str, value: Value) -> None:
         """Note a value; equal ones cost a look-up."""
-        if self.now.get(name) == value and name in self.now:
+        if self.now.get(name, _UNHEARD) == value:
             return
         self.now[name] = value
-        self.events.setdefault(name, []).append((time_ms, value))
+        self.events[name].append((time_ms, value))
         self.version += 1
 
     def trace(self, end_ms: float, initial: Mapping[str, Value]) -> Trace:

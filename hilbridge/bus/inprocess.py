@@ -5,13 +5,14 @@ from __future__ import annotations
 from collections import deque
 from typing import Protocol
 
-from hilbridge.bus.error_frames import ControllerState, write_error_frame
+from hilbridge.bus.error_frames import write_error_frame
 from hilbridge.bus.events import BusError, Delivered, Enqueued, Event, StateChanged
 from hilbridge.bus.frames import WireFrame
 from hilbridge.bus.link import Arrival
 from hilbridge.bus.medium import Medium
 
 _INBOX_LIMIT = 8192
+_QUEUED = Enqueued.QUEUED
 
 
 class Clock(Protocol):
@@ -67,7 +68,9 @@ class Network:
 
     def pump(self) -> None:
         """Let the bus catch up with the clock and put what arrived into the inboxes."""
-        self._handle(self.medium.advance(self.clock.now_ns()))
+        events = self.medium.advance(self.clock.now_ns())
+        if events:
+            self._handle(events)
 
     def _handle(self, events: list[Event]) -> None:
         for event in events:
@@ -78,10 +81,11 @@ class Network:
 
     def _deliver(self, event: Delivered) -> None:
         stations = self._stations
+        arrival = Arrival(event.frame, event.at_ns)
         for number in event.receivers:
             station = stations.get(number)
             if station is not None:
-                station.put(Arrival(event.frame, event.at_ns))
+                station.put(arrival)
         sender = stations.get(event.sender)
         if sender is not None and sender.receive_own and event.sent:
             sender.put(Arrival(event.frame, event.at_ns, own=True))
@@ -90,6 +94,7 @@ class Network:
         if isinstance(event, StateChanged):
             station = self._stations.get(event.node)
             if station is not None:
+                station.state = event.state
                 station.put_error(event.at_ns, *write_error_frame(event.state, event.tec, event.rec))
         elif isinstance(event, BusError):
             for number, kind in event.errors.items():
@@ -126,7 +131,10 @@ class Network:
 
 
 class Station:
-    """One node's transmit queue and inbox, with the methods of `client.BusClient`."""
+    """One node's transmit queue and inbox, with the methods of `client.BusClient`.
+
+    `inbox` has what had arrived when the network was last pumped, `state` that of error confinement then.
+    """
 
     def __init__(self, network: Network, number: int, *, receive_own: bool, bus_errors: bool) -> None:
         self.network = network
@@ -134,17 +142,18 @@ class Station:
         self.receive_own = receive_own
         self.bus_errors = bus_errors
         self.dropped = 0
-        self._inbox: deque[Arrival] = deque()
+        self.state = network.medium.node(number).state
+        self.inbox: deque[Arrival] = deque()
         self._tag = 0
         medium = network.medium
         self.bitrate, self.data_bitrate = medium.bitrate, medium.data_bitrate
 
     def put(self, arrival: Arrival) -> None:
         """Into the inbox, or lost and counted."""
-        if len(self._inbox) >= _INBOX_LIMIT:
+        if len(self.inbox) >= _INBOX_LIMIT:
             self.dropped += 1
             return
-        self._inbox.append(arrival if not self.dropped else arrival._replace(dropped=self.dropped))
+        self.inbox.append(arrival if not self.dropped else arrival._replace(dropped=self.dropped))
 
     def put_error(self, at_ns: int, classes: int, data: bytes) -> None:
         """An error frame into the inbox."""
@@ -152,14 +161,14 @@ class Station:
 
     def receive(self) -> Arrival | None:
         """One frame, or None when none has arrived by now."""
-        if not self._inbox:
+        if not self.inbox:
             self.network.pump()
-        return self._inbox.popleft() if self._inbox else None
+        return self.inbox.popleft() if self.inbox else None
 
     def drain(self) -> list[Arrival]:
-        """All that had arrived when the network was last pumped."""
-        arrivals = list(self._inbox)
-        self._inbox.clear()
+        """All of the inbox."""
+        arrivals = list(self.inbox)
+        self.inbox.clear()
         return arrivals
 
     def receive_within(self, timeout_s: float | None) -> Arrival | None:
@@ -168,7 +177,7 @@ class Station:
 
     def receive_until(self, deadline_ns: int | None) -> Arrival | None:
         """One frame, letting time pass at most until then (None: as long as it takes). Raises NothingToCome."""
-        inbox = self._inbox
+        inbox = self.inbox
         if not inbox:
             step = self.network.step
             while step(deadline_ns) and not inbox:
@@ -180,7 +189,7 @@ class Station:
         network = self.network
         self._tag += 1
         result = network.medium.send(self.number, frame, self._tag, network.clock.now_ns())
-        if result is not Enqueued.QUEUED:
+        if result is not _QUEUED:
             # Only now does the bus catch up: it must not start a frame between two that are sent at one time.
             network.pump()
             result = network.medium.send(self.number, frame, self._tag, network.clock.now_ns())
@@ -198,11 +207,6 @@ class Station:
         """Leave bus-off after 128 sequences of eleven recessive bits, where that does not happen by itself."""
         self.network.pump()
         self.network.medium.recover(self.number)
-
-    @property
-    def state(self) -> ControllerState:
-        """Error confinement state."""
-        return self.network.medium.node(self.number).state
 
     def close(self) -> None:
         """Leave the network, with all that was queued."""

@@ -2,7 +2,8 @@
 
 Time is an argument and must never fall. A frame is on the wire from its first bit to the end of its end of frame;
 three bits of intermission later the next may start, and of all that wait then the lowest arbitration field goes.
-Undisturbed frames cost one table-driven count of their bits; disturbed ones are played bit by bit (`attempt`).
+Undisturbed frames cost one table-driven count of their bits; disturbed ones are played bit by bit (`attempt`). While
+nothing is due, letting time pass costs a comparison.
 
 Left out: bit timing and resynchronisation (all clocks are equal), overload frames asked for by slow controllers, and
 classical controllers that destroy FD frames. A cut wire counts from the next frame on.
@@ -17,8 +18,9 @@ from hilbridge.bus.events import Enqueued, Event
 from hilbridge.bus.frames import WireFrame, arbitration_key, frame_fault
 from hilbridge.bus.nodes import BABBLE_TAG, TX_QUEUE_LIMIT, Node, Population, Queued, QueueOrder
 from hilbridge.bus.wire import NS_PER_S, Offer, Transmission, Wire
-from hilbridge.bus.wire_faults import FaultState, WireFaults
+from hilbridge.bus.wire_faults import FOREVER_NS, FaultState, WireFaults
 
+_QUEUED = Enqueued.QUEUED
 SUSPEND_BITS = 8  # an error-passive sender waits this long after intermission
 
 
@@ -36,6 +38,7 @@ class Medium:
         self._wires: dict[int, Wire] = {0: Wire(0, 0)}
         self._next_number = 1
         self._now_ns = 0
+        self.due_ns = 0  # before this time `advance` has nothing to do; 0: it has to look
         self._bit_ns = NS_PER_S // bitrate if NS_PER_S % bitrate == 0 else 0
         self._intermission_ns = self.duration_ns(INTERMISSION_BITS)
         self._sequence_ns = self.duration_ns(RECOVERY_SEQUENCE_BITS)
@@ -87,6 +90,7 @@ class Medium:
         self._script = self.fault_state if faults.babbles or faults.stalls else None
         edges = {edge for cut in faults.cuts for edge in (cut.from_ns, cut.until_ns)}
         self._edges = sorted(edge for edge in edges if edge > self._now_ns)
+        self.due_ns = 0
         for node in self.nodes.all.values():
             self._place(node)
 
@@ -99,6 +103,7 @@ class Medium:
             self.fault_state.effects["cut"] += 1
             self._wires.setdefault(node.number, Wire(node.number, self._now_ns))
         self.nodes.changed()
+        self.due_ns = 0
 
     def duration_ns(self, nominal_bits: int, data_bits: int = 0) -> int:
         """How long so many bits last at the two bit rates."""
@@ -118,12 +123,13 @@ class Medium:
             return Enqueued.FULL
         node.put(Queued(arbitration_key(frame), now_ns, frame, tag))
         self.nodes.waiting[number] = node
-        return Enqueued.QUEUED
+        self.due_ns = 0
+        return _QUEUED
 
     def advance(self, now_ns: int) -> list[Event]:
         """Let the bus run up to and including `now_ns`; gives what happened, in order of time."""
         events: list[Event] = []
-        if self._is_quiet():
+        if now_ns < self.due_ns:
             self._now_ns = now_ns
             return events
         while self._edges and self._edges[0] <= now_ns:
@@ -134,14 +140,17 @@ class Medium:
                 self._place(node)
         self._run_all(now_ns, events)
         self._now_ns = now_ns
+        self.due_ns = self._next_due_ns()
         return events
 
-    def _is_quiet(self) -> bool:
-        """Nothing waits, nothing is under way, nothing is planned."""
-        nodes = self.nodes
-        return not (
-            nodes.waiting or self._wires[0].current or self._edges or nodes.off or self._script or len(self._wires) > 1
-        )
+    def _next_due_ns(self) -> int:
+        """When `advance` has something to do again, as far as that is known at no cost."""
+        if not self._is_plain():
+            return 0
+        current = self._wires[0].current
+        if current is not None:
+            return current.end_ns
+        return 0 if self.nodes.waiting else FOREVER_NS
 
     def advance_to_event(self, limit_ns: int | None) -> tuple[int, list[Event]]:
         """Let the bus run to the first thing that happens, at most to `limit_ns` (not None on a bus at rest).
@@ -175,11 +184,7 @@ class Medium:
             offers = wire.offers(self.nodes, self._script)
             if not offers:
                 return None
-            start_ns = (
-                max(wire.free_ns, min(offer[0] for offer in offers))
-                if len(offers) > 1
-                else max(wire.free_ns, offers[0][0])
-            )
+            start_ns = wire.start_ns(offers)
             if limit_ns is not None and start_ns > limit_ns:
                 return start_ns
             self._begin(wire, start_ns, offers)
@@ -211,7 +216,7 @@ class Medium:
         if wire.current is not None:
             return wire.current.end_ns
         offers = wire.offers(self.nodes, self._script)
-        return max(wire.free_ns, min(offer[0] for offer in offers)) if offers else None
+        return wire.start_ns(offers) if offers else None
 
     # One wire
 
@@ -234,7 +239,7 @@ class Medium:
         offers = wire.offers(self.nodes, self._script)
         start_ns = now_ns + 1
         if offers:
-            start_ns = max(wire.free_ns, min(ready_ns for ready_ns, _, _ in offers))
+            start_ns = wire.start_ns(offers)
         if self.nodes.off:
             wire.count_idle(self.nodes, min(start_ns, now_ns), self._sequence_ns, events)
         if start_ns > now_ns:

@@ -25,6 +25,9 @@ class QueueOrder(StrEnum):
     PRIORITY = "priority"
 
 
+_FIFO = QueueOrder.FIFO  # asked for with every frame
+
+
 class Queued(NamedTuple):
     """A waiting frame: its arbitration field, since when it waits, itself, and its sender's tag."""
 
@@ -58,7 +61,7 @@ class Node:
 
     def put(self, entry: Queued) -> None:
         """Queue a frame; one that is on the wire stays the first."""
-        if self.order is QueueOrder.FIFO or not self.queue:
+        if self.order is _FIFO or not self.queue:
             self.queue.append(entry)
             return
         position = 1 if self.sending is self.queue[0] else 0

@@ -61,6 +61,11 @@ class Wire:
             if node.wire == self.number and node.sending is None
         ]
 
+    def start_ns(self, offers: list[Offer]) -> int:
+        """When the first of these, of which there is one at least, can begin."""
+        ready_ns = offers[0].ready_ns if len(offers) == 1 else min(offer.ready_ns for offer in offers)
+        return ready_ns if ready_ns > self.free_ns else self.free_ns
+
     def _scripted_offers(self, nodes: Population, script: FaultState) -> list[Offer]:
         offers = []
         for node in nodes.all.values():

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 from hilbridge.core.deadline import Deadline
 from hilbridge.core.session import Crypto, Purpose, Session
@@ -51,8 +51,7 @@ class BridgeState(StrEnum):
     FAULT = "Fault"
 
 
-@dataclass(frozen=True, slots=True)
-class DeviceStatus:
+class DeviceStatus(NamedTuple):
     """The last CTRL_STATUS: state, reason and verb under their DBC names, authority in percent."""
 
     state: str
@@ -143,6 +142,7 @@ class Bridge:
         self._stops: tuple[int, ...] = ()
         self._clear_wanted = False
         self._clear_asked = False
+        self._diag_names: list[str] = []
         self._diag_index = 0
 
     # From the bus
@@ -339,10 +339,12 @@ class Bridge:
         return [] if self._config.listen_only else [self._wire.encode(message, signals)]
 
     def _diagnosis(self) -> Frame:
-        """One counter per tick: all of them within the second."""
+        """One counter per tick: all of them within the second. Which there are is looked up at the start of a round."""
         self.diag["SessionsDropped"] = self.session.dropped
-        values = {**self._counters(), **self.diag}
-        names = sorted(values)
-        name = names[self._diag_index % len(names)]
-        self._diag_index = (self._diag_index + 1) % len(names)
-        return self._wire.encode("BRIDGE_DIAG", {"Index": name, name: min(values[name], 0xFFFFFFFF)})
+        counters = self._counters()
+        if self._diag_index >= len(self._diag_names):
+            self._diag_names, self._diag_index = sorted({*counters, *self.diag}), 0
+        name = self._diag_names[self._diag_index]
+        self._diag_index += 1
+        value = self.diag[name] if name in self.diag else counters.get(name, 0)
+        return self._wire.encode("BRIDGE_DIAG", {"Index": name, name: min(value, 0xFFFFFFFF)})

@@ -149,7 +149,7 @@ class BridgeNode:
         estimate, device = self._estimate, self.bridge.device
         top: list[list[Any]] = []
         if estimate is not None:
-            ranked = sorted(range(len(estimate.probabilities)), key=lambda k: -estimate.probabilities[k])
+            ranked = sorted(range(len(estimate.probabilities)), key=estimate.probabilities.__getitem__, reverse=True)
             top = [[VERBS[k], round(estimate.probabilities[k], 4)] for k in ranked[:3]]
         return {
             "action": decision.action.name,

@@ -12,7 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import cantools
 
@@ -69,8 +69,7 @@ class RejectReason(StrEnum):
     E2E_STATE = "RejE2EState"
 
 
-@dataclass(frozen=True, slots=True)
-class Decoded:
+class Decoded(NamedTuple):
     """A frame understood: message name, its signals by name (CRC and counter apart), the E2E counter, the frame."""
 
     name: str
@@ -79,8 +78,7 @@ class Decoded:
     frame: Frame
 
 
-@dataclass(frozen=True, slots=True)
-class Rejected:
+class Rejected(NamedTuple):
     """A frame dropped, and why; `name` is the message where the identifier is known, else empty."""
 
     reason: RejectReason
@@ -122,9 +120,32 @@ class Signal:
         return raw
 
 
+class Reading(NamedTuple):
+    """How decoding takes one signal out of a frame: what it needs of a `Signal`, worked out before and in its order."""
+
+    name: str
+    start: int
+    mask: int
+    sign: int  # the bit that makes the raw value negative, 0 where there is none
+    names: Mapping[int, str] | None
+    lowest: int
+    highest: int
+    scale: int | float
+    offset: int | float
+
+
+class Content(NamedTuple):
+    """What a frame of a message, or of one of its multiplexer values, may hold."""
+
+    reserved_bits: int
+    readings: tuple[Reading, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class Message:
-    """One message of the DBC. `groups` has the signals of each multiplexer value, `used_bits` the bits allowed."""
+    """One message of the DBC. `groups` has the signals of each multiplexer value, `contents` what decoding makes of it
+    (under None: without multiplexer).
+    """
 
     name: str
     can_id: int
@@ -137,7 +158,7 @@ class Message:
     signals: tuple[Signal, ...]
     multiplexer: Signal | None
     groups: Mapping[int, tuple[Signal, ...]]
-    used_bits: Mapping[int | None, int]
+    contents: Mapping[int | None, Content]
 
 
 def default_dbc_path() -> Path:
@@ -173,11 +194,27 @@ def _signal(signal: Any) -> Signal:
     )
 
 
-def _bits(signals: tuple[Signal, ...]) -> int:
-    used = 0
+def _content(signals: tuple[Signal, ...], length: int, header_bits: int) -> Content:
+    used = header_bits
+    readings = []
     for signal in signals:
-        used |= ((1 << signal.bits) - 1) << signal.start
-    return used
+        mask = (1 << signal.bits) - 1
+        used |= mask << signal.start
+        sign = 1 << (signal.bits - 1) if signal.is_signed else 0
+        readings.append(
+            Reading(
+                signal.name,
+                signal.start,
+                mask,
+                sign,
+                signal.names,
+                signal.lowest,
+                signal.highest,
+                signal.scale,
+                signal.offset,
+            )
+        )
+    return Content(((1 << 8 * length) - 1) & ~used, tuple(readings))
 
 
 def _message(message: Any, path: Path) -> Message:
@@ -200,8 +237,11 @@ def _message(message: Any, path: Path) -> Message:
         for value in signal.multiplexer_ids or ():
             groups[value] = (*groups.get(value, ()), made[signal.name])
     header_bits = HEADER_BITS if protected else 0
-    used: dict[int | None, int] = {None: header_bits | _bits(always)}
-    used.update({value: header_bits | _bits(always) | _bits(group) for value, group in groups.items()})
+    contents: dict[int | None, Content] = {}
+    if not multiplexers:
+        contents[None] = _content(always, message.length, header_bits)
+    for value, group in groups.items():
+        contents[value] = _content(always + group, message.length, header_bits)
     return Message(
         message.name,
         message.frame_id,
@@ -214,7 +254,7 @@ def _message(message: Any, path: Path) -> Message:
         always,
         made[multiplexers[0].name] if multiplexers else None,
         groups,
-        used,
+        contents,
     )
 
 
@@ -281,27 +321,30 @@ class Codec:
             return Rejected(RejectReason.UNKNOWN_ID, "", frame)
         if len(frame.data) != layout.length:
             return Rejected(RejectReason.LENGTH, layout.name, frame)
+        return self.read(layout, frame)
+
+    def read(self, layout: Message, frame: Frame) -> Decoded | Rejected:
+        """What a plain frame of that message and of its length says. Never raises."""
         word = int.from_bytes(frame.data, "little")
-        fields = layout.signals
-        group: int | None = None
-        if layout.multiplexer is not None:
-            group = layout.multiplexer.raw(word)
-            if group not in layout.groups:
-                return Rejected(RejectReason.MUX, layout.name, frame)
-            fields = fields + layout.groups[group]
-        if word & ~layout.used_bits[group]:
+        group = None if layout.multiplexer is None else layout.multiplexer.raw(word)
+        content = layout.contents.get(group)
+        if content is None:
+            return Rejected(RejectReason.MUX, layout.name, frame)
+        if word & content.reserved_bits:
             return Rejected(RejectReason.RESERVED, layout.name, frame)
         signals: dict[str, Value] = {}
-        for field in fields:
-            raw = field.raw(word)
-            if field.names is not None:
-                name = field.names.get(raw)
-                if name is None:
+        for name, start, mask, sign, names, lowest, highest, scale, offset in content.readings:
+            raw = word >> start & mask
+            if raw & sign:
+                raw -= mask + 1
+            if names is not None:
+                named = names.get(raw)
+                if named is None:
                     return Rejected(RejectReason.ENUM, layout.name, frame)
-                signals[field.name] = name
-            elif not field.lowest <= raw <= field.highest:
-                return Rejected(RejectReason.RANGE, layout.name, frame)
+                signals[name] = named
+            elif lowest <= raw <= highest:
+                signals[name] = raw * scale + offset
             else:
-                signals[field.name] = raw * field.scale + field.offset
+                return Rejected(RejectReason.RANGE, layout.name, frame)
         counter = (word >> 16) & 0xFF if layout.data_id is not None else 0
         return Decoded(layout.name, signals, counter, frame)

@@ -14,6 +14,8 @@ _REJECTS = {
     CheckStatus.WRONG_SEQUENCE: RejectReason.SEQUENCE,
 }
 _FRESH = ReceiverState()
+_OK = CheckStatus.OK
+_INVALID = MachineState.INVALID
 
 
 class WireLink:
@@ -59,16 +61,18 @@ class WireLink:
             reason = self._checked(layout, frame.data, layout.data_id)
             if reason is not None:
                 return Rejected(reason, layout.name, frame)
+            return self.codec.read(layout, frame)
         return self.codec.decode(frame)
 
     def _checked(self, layout: Message, data: bytes, data_id: int) -> RejectReason | None:
         before = self._received.get(layout.name, _FRESH)
         status, after = check(data, data_id, layout.max_delta, before)
         self._received[layout.name] = after
-        self.counters["LostFrames"] += after.lost - before.lost
-        if status in _REJECTS:
-            return _REJECTS[status]
-        return RejectReason.E2E_STATE if after.machine is MachineState.INVALID else None
+        if status is not _OK:
+            self.counters["LostFrames"] += after.lost - before.lost
+            if status in _REJECTS:
+                return _REJECTS[status]
+        return RejectReason.E2E_STATE if after.machine is _INVALID else None
 
     def machine(self, message: str) -> MachineState:
         """State of a received message's E2E machine."""

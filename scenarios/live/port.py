@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 from hilbridge.bus.port import BusPort, PortState, SendResult
@@ -32,7 +31,7 @@ class TappedPort(BusPort):
         result = SendResult.SENT
         now_ns = self._clock()
         for when_ns, can_id, data in self.out.send(frame.can_id, frame.data, now_ns):
-            changed = replace(frame, can_id=can_id, data=data)
+            changed = frame._replace(can_id=can_id, data=data)
             if when_ns > now_ns:
                 self._loop.call_later((when_ns - now_ns) / 1e9, super().send, changed)
             else:
@@ -57,9 +56,9 @@ class TappedPort(BusPort):
             return
         now_ns = self._clock()
         for when_ns, can_id, data in self.into.send(frame.can_id, frame.data, now_ns):
-            changed = replace(frame, can_id=can_id, data=data)
+            changed = frame._replace(can_id=can_id, data=data)
             if when_ns > now_ns:
-                late = replace(changed, received_ns=when_ns)
+                late = changed._replace(received_ns=when_ns)
                 self._loop.call_later((when_ns - now_ns) / 1e9, super()._take, late)
             else:
                 super()._take(changed)

@@ -137,6 +137,29 @@ def test_a_slow_reader_loses_the_newest_and_learns_how_many() -> None:
     assert later.dropped == 808
 
 
+def test_a_station_knows_the_state_of_its_chip_through_bus_off_and_back() -> None:
+    clock = VirtualClock()
+    medium = Medium(faults=WireFaults(corruptions=(Corruption(0x100, count=32),)))
+    network = Network(medium, clock)
+    sender, reader = network.attach("sender"), network.attach("reader")
+    sender.send(WireFrame(0x100, bytes(8)))
+    seen = [sender.state]
+    for _ in range(2000):
+        clock.wait_until(clock.now_ns() + 10_000)
+        network.pump()
+        for station in (sender, reader):
+            assert station.state is medium.node(station.number).state
+        if sender.state is not seen[-1]:
+            seen.append(sender.state)
+    active, warning, passive, off = (
+        ControllerState.ACTIVE,
+        ControllerState.WARNING,
+        ControllerState.PASSIVE,
+        ControllerState.BUS_OFF,
+    )
+    assert seen == [active, warning, passive, off, active]
+
+
 class SteppedClock:
     """A clock of another kind than VirtualClock: it overshoots every wait, as real ones do."""
 

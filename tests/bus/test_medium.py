@@ -142,6 +142,37 @@ def test_how_often_one_looks_changes_nothing(seed: int) -> None:
     assert play(0) == play(1) == play(2) == play(3)
 
 
+@given(st.integers(0, 1000), st.sampled_from(["sound", "disturbed", "cut", "stalled"]))
+@settings(deadline=None, max_examples=60)
+def test_before_the_due_time_nothing_happens(seed: int, kind: str) -> None:
+    """Who looks only once something is due misses nothing and learns it at the same look as who always looks."""
+    faults = {
+        "sound": WireFaults(seed),
+        "disturbed": WireFaults(seed, 0.01, 0.5, corruptions=(Corruption(0x100, Where.CRC, count=60),)),
+        "cut": WireFaults(seed, cuts=(WireCut(frozenset({"n1"}), 500_000, 2_000_000),)),
+        "stalled": WireFaults(seed, stalls=(QueueStall("n1", 300_000, 900_000),)),
+    }[kind]
+
+    def play(*, patient: bool) -> tuple[list[tuple[int, list[Event]]], int]:
+        dice, medium = random.Random(seed), Medium(faults=faults)
+        nodes = [medium.attach(f"n{index}") for index in range(3)]
+        told, looks = [], 0
+        for now_ns in range(0, 30_000_000, 50_000):
+            if dice.random() < 0.05 and now_ns < 8_000_000:
+                medium.send(nodes[dice.randrange(3)], WireFrame(dice.choice([0x100, 0x200]), bytes(8)), now_ns, now_ns)
+            if patient and now_ns < medium.due_ns:
+                continue
+            looks += 1
+            if events := medium.advance(now_ns):
+                told.append((now_ns, events))
+        return told, looks
+
+    (patient, few), (always, many) = play(patient=True), play(patient=False)
+    assert patient == always
+    if kind == "sound":
+        assert few < many
+
+
 @pytest.mark.parametrize(
     ("order", "expected"),
     [(QueueOrder.FIFO, [0x100, 0x700, 0x010]), (QueueOrder.PRIORITY, [0x010, 0x100, 0x700])],

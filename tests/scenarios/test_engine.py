@@ -8,6 +8,7 @@ import pytest
 
 from scenarios.campaign import Sample, base_scenario, run_sample, samples_of, scenario_for
 from scenarios.collect import collect, unfold
+from scenarios.engine import MS, Lockstep
 from scenarios.minimise import minimise_scenario
 from scenarios.run import run_scenario
 from scenarios.schema import Scenario, dump_scenario, load_scenario, scenario_of
@@ -28,6 +29,32 @@ def acting(*steps: dict[str, object], duration: str = "3.5 s") -> Scenario:
             "expect": [{"figure": "acts", "at_least": 1}],
         }
     )
+
+
+def test_the_devices_tick_takes_its_turn_among_those_of_one_time(monkeypatch: pytest.MonkeyPatch) -> None:
+    """First come, first served: what was planned before the last tick ended comes before it, what came later after."""
+    scenario = acting(duration="5 ms")
+    punctual = scenario.device.model_copy(update={"clock_ppm": 0.0})
+    world = Lockstep(scenario.model_copy(update={"device": punctual}))
+    said: list[str] = []
+    monkeypatch.setattr(world.bridge, "start", lambda: None)
+    monkeypatch.setattr(world, "_device_tick", lambda now_ns: said.append(f"tick {now_ns // MS}"))
+    world.at(3 * MS, lambda: said.append("early"))
+    world.at(2 * MS + 1, lambda: world.at(3 * MS, lambda: said.append("late")))
+    world.at(1, lambda: world.at(0, lambda: said.append("past")))
+    world.run()
+    assert said == ["past", "tick 1", "tick 2", "early", "tick 3", "late", "tick 4", "tick 5"]
+    assert world.clock.time_ns == 5 * MS
+
+
+def test_a_recording_changes_no_signal(tmp_path: Path) -> None:
+    """Rows that nobody keeps are not made; nothing else depends on them."""
+    scenario = acting({"fault": "bus.drop", "at": "1 s", "for": "300 ms", "with": {"share": 0.5}}, duration="2 s")
+    kept, unkept = run_scenario(scenario, recording=tmp_path / "one.mcap"), run_scenario(scenario)
+    assert kept.ticks == unkept.ticks
+    assert set(kept.trace.values) == set(unkept.trace.values)
+    for name, values in kept.trace.values.items():
+        assert list(values) == list(unkept.trace[name]), name
 
 
 @pytest.mark.parametrize("fault", sorted(FAULTS))
