@@ -94,10 +94,12 @@ def crc16(data: bytes, start: int = 0xFFFF) -> int:
     return crc
 
 
+_TAIL = {can_id: data_id.to_bytes(2, "little") for can_id, data_id in DATA_ID.items()}
+
+
 def frame_crc(can_id: int, data: bytes) -> int:
     """CRC that belongs into bytes 0-1 of this frame."""
-    data_id = DATA_ID[can_id]
-    return crc16(data[2:] + bytes((data_id & 0xFF, data_id >> 8)))
+    return crc16(data[2:] + _TAIL[can_id])
 
 
 def protect(can_id: int, data: bytes, counter: int) -> bytes:
@@ -136,8 +138,8 @@ def advance(receiver: Receiver, result: Check) -> Receiver:
             return receiver
         return receiver._replace(machine=Machine.INIT, window=(result,))
     window = (*receiver.window, result)[-WINDOW:]
-    good = sum(1 for entry in window if entry in (Check.OK, Check.OK_SOME_LOST))
-    errors = sum(1 for entry in window if entry == Check.ERROR)
+    good = window.count(Check.OK) + window.count(Check.OK_SOME_LOST)
+    errors = window.count(Check.ERROR)
     machine = receiver.machine
     if machine == Machine.INIT:
         if errors > MAX_ERROR_INIT:

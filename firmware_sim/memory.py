@@ -1,12 +1,14 @@
 """What the controller remembers, reads and puts out: three plain structures, as a C port would declare them.
 
-`ControllerState` is copied at the start of every step and only its copy is written to, field by field; the values in it
-are themselves immutable. Integers throughout: ms of the device's own clock, mdeg, mdeg/s, uN m.
+`ControllerState` is written to in place, field by field; the values in it are immutable, all but the torque law's memory,
+which is copied with it. Integers throughout: ms of the device's own clock, mdeg, mdeg/s, uN m.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from copy import copy
+from dataclasses import dataclass, field, fields
+from operator import attrgetter
 from typing import NamedTuple
 
 from firmware_sim.e2e import Receiver
@@ -86,7 +88,7 @@ class Challenge(NamedTuple):
     device_nonce: int
 
 
-@dataclass
+@dataclass(slots=True)
 class ControllerState:
     """All memory of the controller. The default, with a key and a boot nonce, is power-on."""
 
@@ -140,10 +142,13 @@ class ControllerState:
     emergencies: int = 0
 
     def __copy__(self) -> ControllerState:
-        """As the default copy, at a tenth of its cost: the step makes one every millisecond."""
-        copied = object.__new__(ControllerState)
-        copied.__dict__.update(self.__dict__)
+        """A state of its own, its torque included; quicker than the default copy."""
+        copied = ControllerState(*_memory(self))
+        copied.torque = copy(self.torque)
         return copied
+
+
+_memory = attrgetter(*(field.name for field in fields(ControllerState)))
 
 
 def count(state: ControllerState, index: int, amount: int = 1) -> None:

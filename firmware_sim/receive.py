@@ -78,7 +78,8 @@ def _checked(state: ControllerState, frame: Received, now_ms: int) -> bool:
     before = state.receivers[slot]
     result, after = e2e.check(frame.can_id, frame.data, before)
     state.receivers = (*state.receivers[:slot], after, *state.receivers[slot + 1 :])
-    count(state, COUNT_LOST, after.lost - before.lost)
+    if after.lost > before.lost:
+        count(state, COUNT_LOST, after.lost - before.lost)
     if result == e2e.Check.ERROR:
         reject(state, Reject.CRC)
     elif result == e2e.Check.REPEATED:

@@ -73,11 +73,6 @@ def implausible(angle_mdeg: int, second_angle_mdeg: int, previous_mdeg: int) -> 
     """The two encoders disagree by 3 degrees, read what no arm can, or jump by 5 degrees in a tick."""
     return (
         abs(angle_mdeg - second_angle_mdeg) > 3_000
-        or not -40_000 <= angle_mdeg <= 200_000
         or abs(angle_mdeg - previous_mdeg) > 5_000
+        or not -40_000 <= angle_mdeg <= 200_000
     )
-
-
-def run_length(previous: int, bad: bool) -> int:
-    """Consecutive ticks for which something has been so; one tick to the contrary starts anew."""
-    return previous + 1 if bad else 0

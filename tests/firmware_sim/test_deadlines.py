@@ -275,8 +275,6 @@ def test_watchdog_questions_at_their_edges() -> None:
     assert not watchdogs.crowded((0, 50), 50, 3, 100)
     assert watchdogs.remember((1, 2, 3), 4, 3) == (2, 3, 4)
     assert watchdogs.remember((), 4, 3) == (4,)
-    assert watchdogs.run_length(4, True) == 5
-    assert watchdogs.run_length(4, False) == 0
 
 
 @requirement("S10")
