@@ -37,11 +37,12 @@ def step(before: ControllerState, inputs: Inputs, now_ms: int) -> tuple[Controll
     `before` is not touched. Never raises on anything that comes from the bus.
     """
     state = copy(before)
-    return state, advance(state, inputs, now_ms)
+    advance(state, inputs, now_ms)
+    return state, Outputs(state.outbox, state.torque.assist_unm, state.torque.gravity_unm, state.follow_unm)
 
 
-def advance(state: ControllerState, inputs: Inputs, now_ms: int) -> Outputs:
-    """The tick of `step` in place, for whoever has no use for the state before."""
+def advance(state: ControllerState, inputs: Inputs, now_ms: int) -> None:
+    """The tick of `step` in place, for whoever has no use for the state before; the outputs are to be found in it."""
     began = state.state
     state.outbox = ()
     _device_faults(state, inputs, now_ms)
@@ -53,11 +54,9 @@ def advance(state: ControllerState, inputs: Inputs, now_ms: int) -> Outputs:
     state.last_tick_ms = now_ms
     sensors_lost = state.state in _NO_FOLLOW or state.implausible_ticks >= watchdogs.IMPLAUSIBLE_TICKS
     if sensors_lost or state.reason in _PLANT_FAULTS:  # which are reasons of a latch alone
-        follow = 0
+        state.follow_unm = 0
     else:
-        follow = torque.follow_torque(inputs.angle_mdeg, inputs.velocity_mdeg_s)
-    law = state.torque
-    return Outputs(state.outbox, law.assist_unm, law.gravity_unm, follow)
+        state.follow_unm = torque.follow_torque(inputs.angle_mdeg, inputs.velocity_mdeg_s)
 
 
 def _device_faults(state: ControllerState, inputs: Inputs, now_ms: int) -> None:

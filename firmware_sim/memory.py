@@ -38,8 +38,9 @@ class Received(NamedTuple):
     plain: bool = True
 
 
-class Inputs(NamedTuple):
-    """Everything the controller sees in one tick.
+@dataclass(slots=True)
+class Inputs:
+    """Everything the controller sees in one tick; it only reads them.
 
     `random_u32` must be unpredictable: it becomes a nonce. `local_clear` is somebody's own hand on the device.
     `stall_ticks` and `tx_dropped` are new counts of the node since the last tick, only for DIAG.
@@ -133,13 +134,14 @@ class ControllerState:
     # transmission
     counters: tuple[int, ...] = (0,) * COUNTERS
     tx_counters: tuple[int, ...] = (0,) * len(OWN_IDS)
-    outbox: tuple[tuple[int, bytes], ...] = ()
+    outbox: tuple[tuple[int, bytes], ...] = ()  # of this tick
     status_due_ms: int = 0
     meas_due_ms: int = 10
     heartbeat_due_ms: int = 5
     diag_due_ms: int = 15
     diag_index: int = 0
     emergencies: int = 0
+    follow_unm: int = 0  # of this tick
 
     def __copy__(self) -> ControllerState:
         """A state of its own, its torque included; quicker than the default copy."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 from copy import deepcopy
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -55,7 +56,7 @@ def test_the_step_calculates_in_integers(name: str) -> None:
 def test_a_step_leaves_its_state_untouched_and_gives_the_same_twice() -> None:
     hand = Hand().to_assist()
     before, kept = hand.state, deepcopy(hand.state)
-    inputs = hand.inputs._replace(frames=(*hand.act(), hand.heartbeat()))
+    inputs = replace(hand.inputs, frames=(*hand.act(), hand.heartbeat()))
     first, second = step(before, inputs, hand.now_ms + 1), step(before, inputs, hand.now_ms + 1)
     assert before == kept
     assert before.torque is not first[0].torque
