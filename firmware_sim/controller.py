@@ -86,10 +86,6 @@ def _device_faults(state: ControllerState, inputs: Inputs, now_ms: int) -> None:
     # True in nearly every tick, and of use in PASSIVE alone.
     if state.healthy_ticks >= watchdogs.HEALTHY_TICKS and TABLE[state.state][_SENSORS_GOOD] is not state.state:
         fire(state, Event.SENSORS_GOOD, Reason.SENSOR_IMPLAUSIBLE, now_ms)
-    _plant(state, inputs, now_ms)
-
-
-def _plant(state: ControllerState, inputs: Inputs, now_ms: int) -> None:
     limits = state.limits
     if abs(inputs.commanded_unm - inputs.measured_unm) > limits.tracking_limit_unm:
         state.tracking_ticks += 1
@@ -99,7 +95,7 @@ def _plant(state: ControllerState, inputs: Inputs, now_ms: int) -> None:
         state.tracking_ticks = 0
     if abs(inputs.velocity_mdeg_s) > limits.speed_limit_mdeg_s:
         fire(state, Event.LATCH, Reason.JOINT_SPEED, now_ms)
-    if not limits.angle_low_mdeg <= inputs.angle_mdeg <= limits.angle_high_mdeg:
+    if not limits.angle_low_mdeg <= angle <= limits.angle_high_mdeg:
         fire(state, Event.LATCH, Reason.RANGE_OF_MOTION, now_ms)
 
 
@@ -154,8 +150,7 @@ def _torque(state: ControllerState, inputs: Inputs, now_ms: int) -> None:
         torque.ramping(law, 1)
         torque.support_gone(law)
     else:
-        torque.ramping(law, 1)
-        torque.supporting_less(law)
+        torque.letting_go(law)
     if current is RAMP_DOWN and law.assist_unm == 0:
         done = Event.RAMPED_FAULT if state.ramp_fault else Event.RAMPED_CLEAN
         fire(state, done, state.reason, now_ms)

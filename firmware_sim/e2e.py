@@ -104,9 +104,9 @@ def frame_crc(can_id: int, data: bytes) -> int:
 
 def protect(can_id: int, data: bytes, counter: int) -> bytes:
     """The frame with counter (modulo 256) and CRC filled in; bytes 3-7 are taken from `data`."""
-    body = bytes((0, 0, counter & 0xFF)) + data[3:]
-    crc = frame_crc(can_id, body)
-    return bytes((crc & 0xFF, crc >> 8)) + body[2:]
+    body = bytes((counter & 0xFF,)) + data[3:]
+    crc = crc16(body + _TAIL[can_id])
+    return bytes((crc & 0xFF, crc >> 8)) + body
 
 
 def check(can_id: int, data: bytes, receiver: Receiver) -> tuple[Check, Receiver]:

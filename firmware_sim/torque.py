@@ -196,7 +196,10 @@ def track(torque: Torque, profile: Profile, velocity_mdeg_s: int) -> None:
     """Filters and the 250 ms window; runs in every state, so that an assist never starts from stale memory."""
     if profile.band_per_mille:
         torque.band_mean += profile.band_per_mille * (velocity_mdeg_s - div(torque.band_mean, 1000))
-    torque.slow_mean += SLOW_BAND_PER_MILLE * (velocity_mdeg_s - div(torque.slow_mean, 1000))
+    mean = torque.slow_mean
+    torque.slow_mean = mean + SLOW_BAND_PER_MILLE * (
+        velocity_mdeg_s - (mean // 1000 if mean >= 0 else -(-mean // 1000))
+    )
     torque.slot_tick += 1
     if torque.slot_tick >= WINDOW_SLOT_MS:
         torque.slot_tick = 0
@@ -227,8 +230,6 @@ def ramping(torque: Torque, stride: int) -> None:
 
     It begins where `assisting` last was. Whatever happens on the way can make it quicker, never begin it anew.
     """
-    if torque.assist_unm == 0 and torque.ramp_tick >= RAMP_TICKS:
-        return  # over, and nothing to do is what most ticks have to do
     tick = min(torque.ramp_tick + stride, RAMP_TICKS)
     torque.ramp_tick = tick
     torque.assist_unm = div(torque.from_unm * REMAINING[tick], 1000)
@@ -239,11 +240,16 @@ def ramping(torque: Torque, stride: int) -> None:
 
 def supporting_less(torque: Torque) -> None:
     """One tick of the 500 ms in which gravity support fades (H3: no abrupt loss under load)."""
-    if torque.gravity_unm == 0 and torque.gravity_tick >= GRAVITY_TICKS:
-        return
     tick = min(torque.gravity_tick + 1, GRAVITY_TICKS)
     torque.gravity_tick = tick
     torque.gravity_unm = div(torque.gravity_from_unm * REMAINING[tick * RAMP_TICKS // GRAVITY_TICKS], 1000)
+
+
+def letting_go(torque: Torque) -> None:
+    """One tick of both, the ramp and the fading of support; at rest, where most ticks are, nothing is left to do."""
+    if torque.assist_unm or torque.gravity_unm or torque.ramp_tick < RAMP_TICKS or torque.gravity_tick < GRAVITY_TICKS:
+        ramping(torque, 1)
+        supporting_less(torque)
 
 
 def support_gone(torque: Torque) -> None:

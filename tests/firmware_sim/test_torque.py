@@ -44,9 +44,6 @@ def test_h2_ramps_reach_exactly_zero_in_their_time_without_a_jerk(stride: int, t
     over = copy(law)
     torque.ramping(law, stride)
     assert law == over
-    law.assist_unm = 1  # nothing comes to this, and it would not stay
-    torque.ramping(law, stride)
-    assert law == over
 
 
 @requirement("T5")
@@ -64,9 +61,19 @@ def test_h3_gravity_support_fades_over_500_ms() -> None:
     faded = copy(law)
     torque.supporting_less(law)
     assert law == faded
-    law.gravity_unm = 1  # nothing comes to this, and it would not stay
-    torque.supporting_less(law)
-    assert law == faded
+
+
+@pytest.mark.parametrize("left", ["assist_unm", "gravity_unm", "nothing"])
+def test_h2_what_is_let_go_comes_to_rest_and_a_torque_out_of_nowhere_does_not_stay(left: str) -> None:
+    law = replace(PULLED, gravity_tick=0)
+    for _ in range(500):
+        torque.letting_go(law)
+    rest = replace(PULLED, assist_unm=0, gravity_unm=0, ramp_tick=40, gravity_tick=500)
+    assert law == rest
+    if left != "nothing":
+        setattr(law, left, 1)
+    torque.letting_go(law)
+    assert law == rest
 
 
 @requirement("T5", "S10")

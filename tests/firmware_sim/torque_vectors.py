@@ -63,8 +63,7 @@ def tick(law: Torque, segment: Segment, number: int) -> int:
     if segment.mode == "assist":
         torque.assisting(law, used, angle, velocity, user)
     elif segment.mode == "ramp":
-        torque.ramping(law, 1)
-        torque.supporting_less(law)
+        torque.letting_go(law)
     elif segment.mode == "stop":
         torque.ramping(law, torque.STOP_STRIDE)
         torque.support_gone(law)
