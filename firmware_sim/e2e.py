@@ -128,7 +128,7 @@ def check(can_id: int, data: bytes, receiver: Receiver) -> tuple[Check, Receiver
             lost += delta - 1
         else:
             result = Check.WRONG_SEQUENCE
-    return result, advance(receiver._replace(counter=counter, lost=lost), result)
+    return result, advance(Receiver(counter, receiver.machine, receiver.window, lost), result)
 
 
 def advance(receiver: Receiver, result: Check) -> Receiver:
@@ -151,7 +151,7 @@ def advance(receiver: Receiver, result: Check) -> Receiver:
             machine = Machine.INVALID
     elif errors <= MAX_ERROR_INVALID and good >= MIN_OK_INVALID:
         machine = Machine.VALID
-    return receiver._replace(machine=machine, window=window)
+    return Receiver(receiver.counter, machine, window, receiver.lost)
 
 
 def overdue(receiver: Receiver) -> Receiver:

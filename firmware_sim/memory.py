@@ -162,4 +162,4 @@ def count(state: ControllerState, index: int, amount: int = 1) -> None:
 
 def reject(state: ControllerState, why: Reject) -> None:
     """Count a received frame under its reason (ACCEPTED included)."""
-    count(state, int(why))
+    count(state, why)
