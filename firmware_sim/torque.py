@@ -100,12 +100,12 @@ _memory = attrgetter(*(field.name for field in fields(Torque)))
 
 def sine_per_mille(angle_mdeg: int) -> int:
     """Sine in per mille by table and linear interpolation; any angle."""
-    if 0 <= angle_mdeg <= 90_000:  # where an arm is nearly always
-        return SINE[angle_mdeg // 1000] + _RISE[angle_mdeg // 1000] * (angle_mdeg % 1000) // 1000
-    whole = angle_mdeg % 360_000
-    sign = 1 if whole < 180_000 else -1
-    half = whole % 180_000
-    quarter = half if half <= 90_000 else 180_000 - half
+    quarter, sign = angle_mdeg % 360_000, 1
+    if quarter > 90_000:  # where hardly any arm ever is
+        if quarter >= 180_000:
+            quarter, sign = quarter - 180_000, -1
+        if quarter > 90_000:
+            quarter = 180_000 - quarter
     degree = quarter // 1000
     return sign * (SINE[degree] + _RISE[degree] * (quarter % 1000) // 1000)
 
