@@ -64,6 +64,11 @@ class Machine(IntEnum):
     INVALID = 3
 
 
+# By themselves, for what asks with every frame.
+OK, ERROR, REPEATED, NO_NEW_DATA, OK_SOME_LOST, WRONG_SEQUENCE = Check
+NO_DATA, INIT, VALID, INVALID = Machine
+
+
 class Receiver(NamedTuple):
     """What is remembered of one received message: last counter (None: none yet), machine, last checks, frames lost."""
 
@@ -112,50 +117,50 @@ def protect(can_id: int, data: bytes, counter: int) -> bytes:
 def check(can_id: int, data: bytes, receiver: Receiver) -> tuple[Check, Receiver]:
     """Profile check and one step of the state machine for a frame of eight bytes. A frame in error moves no counter."""
     if frame_crc(can_id, data) != data[0] | data[1] << 8:
-        return Check.ERROR, advance(receiver, Check.ERROR)
+        return ERROR, advance(receiver, ERROR)
     counter = data[2]
     lost = receiver.lost
     if receiver.counter is None:
-        result = Check.OK
+        result = OK
     else:
         delta = (counter - receiver.counter) & 0xFF
         if delta == 0:
-            result = Check.REPEATED
+            result = REPEATED
         elif delta == 1:
-            result = Check.OK
+            result = OK
         elif delta <= MAX_DELTA[can_id]:
-            result = Check.OK_SOME_LOST
+            result = OK_SOME_LOST
             lost += delta - 1
         else:
-            result = Check.WRONG_SEQUENCE
+            result = WRONG_SEQUENCE
     return result, advance(Receiver(counter, receiver.machine, receiver.window, lost), result)
 
 
 def advance(receiver: Receiver, result: Check) -> Receiver:
     """One step of the E2E state machine; NO_NEW_DATA is the step for a message that is overdue."""
-    if receiver.machine == Machine.NO_DATA:
-        if result in (Check.ERROR, Check.NO_NEW_DATA):
+    if receiver.machine is NO_DATA:
+        if result in (ERROR, NO_NEW_DATA):
             return receiver
-        return receiver._replace(machine=Machine.INIT, window=(result,))
+        return receiver._replace(machine=INIT, window=(result,))
     window = (*receiver.window, result)[-WINDOW:]
-    good = window.count(Check.OK) + window.count(Check.OK_SOME_LOST)
-    errors = window.count(Check.ERROR)
+    good = window.count(OK) + window.count(OK_SOME_LOST)
+    errors = window.count(ERROR)
     machine = receiver.machine
-    if machine == Machine.INIT:
+    if machine is INIT:
         if errors > MAX_ERROR_INIT:
-            machine = Machine.INVALID
+            machine = INVALID
         elif good >= MIN_OK_INIT:
-            machine = Machine.VALID
-    elif machine == Machine.VALID:
+            machine = VALID
+    elif machine is VALID:
         if errors > MAX_ERROR_VALID or good < MIN_OK_VALID:
-            machine = Machine.INVALID
+            machine = INVALID
     elif errors <= MAX_ERROR_INVALID and good >= MIN_OK_INVALID:
-        machine = Machine.VALID
+        machine = VALID
     return Receiver(receiver.counter, machine, window, receiver.lost)
 
 
 def overdue(receiver: Receiver) -> Receiver:
     """The message missed its deadline: trust has to be earned again, by MIN_OK_INVALID good frames."""
-    if receiver.machine == Machine.NO_DATA:
+    if receiver.machine is NO_DATA:
         return receiver
-    return receiver._replace(machine=Machine.INVALID, window=(Check.NO_NEW_DATA,) * WINDOW)
+    return receiver._replace(machine=INVALID, window=(NO_NEW_DATA,) * WINDOW)
