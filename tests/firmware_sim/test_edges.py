@@ -258,6 +258,18 @@ def test_cyclic_messages_may_lose_two_frames_and_events_any_number(can_id: int, 
         assert found == (Check.OK_SOME_LOST if delta <= most else Check.WRONG_SEQUENCE)
 
 
+@pytest.mark.parametrize("again", ["hold", "act"])
+def test_a_command_during_a_ramp_is_no_fault(again: str) -> None:
+    hand = Hand().to_assist()
+    hand.tick(hand.hold())
+    assert hand.state.state == State.RAMP_DOWN
+    hand.run(10)
+    hand.tick(*((hand.hold(),) if again == "hold" else hand.act()))
+    assert (hand.state.state, hand.state.reason, hand.state.ramp_fault) == (State.RAMP_DOWN, Reason.HOLD, False)
+    hand.until_zero()
+    assert hand.state.state == State.READY
+
+
 # Torque
 
 
