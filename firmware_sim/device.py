@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
+from math import degrees, sin
 from typing import Any
 
-from firmware_sim.controller import step
+from firmware_sim.controller import advance
 from firmware_sim.memory import ControllerState, Inputs, Received
 from firmware_sim.plant.actuator import LAG_S, Actuator
 from firmware_sim.plant.arm import Arm, wearer_torque
@@ -31,8 +32,8 @@ class Device:
         self.bus_off = False
         self.ticks = 0
         self.skipped_ms = 0
-        self.follow_unm = 0
         self.peak_assist_unm = 0
+        self._inputs = Inputs()
         self._commanded_unm = 0
         self._dropped_seen = 0
 
@@ -44,33 +45,32 @@ class Device:
         Returns the frames to send, in order.
         """
         self.ticks += 1
-        now_ms = self.ticks + self.skipped_ms
-        wearer_nm = wearer_torque(self.wearer, self.arm, self.ticks * _TICK_S) + self.wearer_extra_nm
-        angle = round(math.degrees(self.arm.angle) * 1000)
-        inputs = Inputs(
-            frames=frames,
-            angle_mdeg=angle,
-            second_angle_mdeg=angle + self.encoder_offset_mdeg,
-            velocity_mdeg_s=round(math.degrees(self.arm.velocity) * 1000),
-            user_torque_unm=round(wearer_nm * 1e6) - round(2.0e6 * 0.85 * math.sin(self.arm.angle)),
-            measured_unm=round(self.actuator.torque_nm * 1e6),
-            commanded_unm=self._commanded_unm,
-            random_u32=random_u32,
-            bus_off=self.bus_off,
-            self_test_ok=self.self_test_ok,
-            local_clear=self.local_clear,
-            stall_ticks=stall_ticks,
-            tx_dropped=dropped - self._dropped_seen,
-        )
+        state, arm, actuator, inputs = self.state, self.arm, self.actuator, self._inputs
+        wearer_nm = wearer_torque(self.wearer, arm, self.ticks * _TICK_S) + self.wearer_extra_nm
+        angle = round(degrees(arm.angle) * 1000)
+        inputs.frames = frames
+        inputs.angle_mdeg = angle
+        inputs.second_angle_mdeg = angle + self.encoder_offset_mdeg
+        inputs.velocity_mdeg_s = round(degrees(arm.velocity) * 1000)
+        inputs.user_torque_unm = round(wearer_nm * 1e6) - round(2.0e6 * 0.85 * sin(arm.angle))
+        inputs.measured_unm = round(actuator.torque_nm * 1e6)
+        inputs.commanded_unm = self._commanded_unm
+        inputs.random_u32 = random_u32
+        inputs.bus_off = self.bus_off
+        inputs.self_test_ok = self.self_test_ok
+        inputs.local_clear = self.local_clear
+        inputs.stall_ticks = stall_ticks
+        inputs.tx_dropped = dropped - self._dropped_seen
         self._dropped_seen = dropped
         self.local_clear = False
-        self.state, outputs = step(self.state, inputs, now_ms)
-        self.follow_unm = outputs.follow_unm
-        self.peak_assist_unm = max(self.peak_assist_unm, abs(outputs.assist_unm))
-        self._commanded_unm = outputs.assist_unm + outputs.gravity_unm + outputs.follow_unm
-        self.actuator = self.actuator.step(self._commanded_unm * 1e-6, _TICK_S)
-        self.arm = self.arm.step(self.actuator.torque_nm, wearer_nm, _TICK_S)
-        return outputs.frames
+        advance(state, inputs, self.ticks + self.skipped_ms)
+        law = state.torque
+        if abs(law.assist_unm) > self.peak_assist_unm:
+            self.peak_assist_unm = abs(law.assist_unm)
+        self._commanded_unm = law.assist_unm + law.gravity_unm + state.follow_unm
+        actuator.step(self._commanded_unm * 1e-6, _TICK_S)
+        arm.step(actuator.torque_nm, wearer_nm, _TICK_S)
+        return state.outbox
 
     def skip(self, milliseconds: int) -> None:
         """Injected overrun: the device's own clock moves on without its control loop (`tick_overrun`)."""
@@ -94,7 +94,7 @@ class Device:
             "verb": state.verb,
             "assist_nm": state.torque.assist_unm * 1e-6,
             "gravity_nm": state.torque.gravity_unm * 1e-6,
-            "follow_nm": self.follow_unm * 1e-6,
+            "follow_nm": state.follow_unm * 1e-6,
             "angle_deg": round(math.degrees(self.arm.angle), 3),
             "velocity_deg_s": round(math.degrees(self.arm.velocity), 3),
             "accepted_ms": state.command_ms,

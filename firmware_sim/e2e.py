@@ -64,6 +64,11 @@ class Machine(IntEnum):
     INVALID = 3
 
 
+# By themselves, for what asks with every frame.
+OK, ERROR, REPEATED, NO_NEW_DATA, OK_SOME_LOST, WRONG_SEQUENCE = Check
+NO_DATA, INIT, VALID, INVALID = Machine
+
+
 class Receiver(NamedTuple):
     """What is remembered of one received message: last counter (None: none yet), machine, last checks, frames lost."""
 
@@ -94,66 +99,68 @@ def crc16(data: bytes, start: int = 0xFFFF) -> int:
     return crc
 
 
+_TAIL = {can_id: data_id.to_bytes(2, "little") for can_id, data_id in DATA_ID.items()}
+
+
 def frame_crc(can_id: int, data: bytes) -> int:
     """CRC that belongs into bytes 0-1 of this frame."""
-    data_id = DATA_ID[can_id]
-    return crc16(data[2:] + bytes((data_id & 0xFF, data_id >> 8)))
+    return crc16(data[2:] + _TAIL[can_id])
 
 
 def protect(can_id: int, data: bytes, counter: int) -> bytes:
     """The frame with counter (modulo 256) and CRC filled in; bytes 3-7 are taken from `data`."""
-    body = bytes((0, 0, counter & 0xFF)) + data[3:]
-    crc = frame_crc(can_id, body)
-    return bytes((crc & 0xFF, crc >> 8)) + body[2:]
+    body = bytes((counter & 0xFF,)) + data[3:]
+    crc = crc16(body + _TAIL[can_id])
+    return bytes((crc & 0xFF, crc >> 8)) + body
 
 
 def check(can_id: int, data: bytes, receiver: Receiver) -> tuple[Check, Receiver]:
     """Profile check and one step of the state machine for a frame of eight bytes. A frame in error moves no counter."""
     if frame_crc(can_id, data) != data[0] | data[1] << 8:
-        return Check.ERROR, advance(receiver, Check.ERROR)
+        return ERROR, advance(receiver, ERROR)
     counter = data[2]
     lost = receiver.lost
     if receiver.counter is None:
-        result = Check.OK
+        result = OK
     else:
         delta = (counter - receiver.counter) & 0xFF
         if delta == 0:
-            result = Check.REPEATED
+            result = REPEATED
         elif delta == 1:
-            result = Check.OK
+            result = OK
         elif delta <= MAX_DELTA[can_id]:
-            result = Check.OK_SOME_LOST
+            result = OK_SOME_LOST
             lost += delta - 1
         else:
-            result = Check.WRONG_SEQUENCE
-    return result, advance(receiver._replace(counter=counter, lost=lost), result)
+            result = WRONG_SEQUENCE
+    return result, advance(Receiver(counter, receiver.machine, receiver.window, lost), result)
 
 
 def advance(receiver: Receiver, result: Check) -> Receiver:
     """One step of the E2E state machine; NO_NEW_DATA is the step for a message that is overdue."""
-    if receiver.machine == Machine.NO_DATA:
-        if result in (Check.ERROR, Check.NO_NEW_DATA):
+    if receiver.machine is NO_DATA:
+        if result in (ERROR, NO_NEW_DATA):
             return receiver
-        return receiver._replace(machine=Machine.INIT, window=(result,))
+        return receiver._replace(machine=INIT, window=(result,))
     window = (*receiver.window, result)[-WINDOW:]
-    good = sum(1 for entry in window if entry in (Check.OK, Check.OK_SOME_LOST))
-    errors = sum(1 for entry in window if entry == Check.ERROR)
+    good = window.count(OK) + window.count(OK_SOME_LOST)
+    errors = window.count(ERROR)
     machine = receiver.machine
-    if machine == Machine.INIT:
+    if machine is INIT:
         if errors > MAX_ERROR_INIT:
-            machine = Machine.INVALID
+            machine = INVALID
         elif good >= MIN_OK_INIT:
-            machine = Machine.VALID
-    elif machine == Machine.VALID:
+            machine = VALID
+    elif machine is VALID:
         if errors > MAX_ERROR_VALID or good < MIN_OK_VALID:
-            machine = Machine.INVALID
+            machine = INVALID
     elif errors <= MAX_ERROR_INVALID and good >= MIN_OK_INVALID:
-        machine = Machine.VALID
-    return receiver._replace(machine=machine, window=window)
+        machine = VALID
+    return Receiver(receiver.counter, machine, window, receiver.lost)
 
 
 def overdue(receiver: Receiver) -> Receiver:
     """The message missed its deadline: trust has to be earned again, by MIN_OK_INVALID good frames."""
-    if receiver.machine == Machine.NO_DATA:
+    if receiver.machine is NO_DATA:
         return receiver
-    return receiver._replace(machine=Machine.INVALID, window=(Check.NO_NEW_DATA,) * WINDOW)
+    return receiver._replace(machine=INVALID, window=(NO_NEW_DATA,) * WINDOW)

@@ -4,32 +4,32 @@ from __future__ import annotations
 
 from firmware_sim import e2e, frames, watchdogs
 from firmware_sim.memory import COUNT_MAC_FAILURES, COUNT_TRIPS, ControllerState, count
-from firmware_sim.states import Event, Reason, State, next_state
+from firmware_sim.states import ASSIST, ESTOP, FOLLOW, LATCHED, RAMP_DOWN, READY, SELFTEST, Event, Reason, next_state
 from firmware_sim.transmit import emergency
 
 SELF_TEST_MS = 50
-_STOPPED = (State.LATCHED, State.ESTOP)
+_STOPPED = (LATCHED, ESTOP)
 
 
 def fire(state: ControllerState, event: Event, reason: Reason, now_ms: int) -> None:
     """Apply one event to the one table, and enter the new state."""
     before = state.state
     target = next_state(before, event)
-    if before == State.RAMP_DOWN and event == Event.FAULT:
+    if before is RAMP_DOWN and event is Event.FAULT:
         state.ramp_fault = True  # on its way to READY; now it is not
         state.reason = reason
-    if target == before:
+    if target is before:
         return
     state.state = target
     state.reason = reason
-    if target == State.SELFTEST:
+    if target is SELFTEST:
         state.self_test_ms = now_ms
-    elif target == State.FOLLOW:
+    elif target is FOLLOW:
         state.neutral = 0
-    elif target == State.ASSIST:
+    elif target is ASSIST:
         state.assist_since_ms = now_ms
-    elif target == State.RAMP_DOWN:
-        state.ramp_fault = event == Event.FAULT
+    elif target is RAMP_DOWN:
+        state.ramp_fault = event is Event.FAULT
     elif target in _STOPPED:
         disarm(state)
         emergency(state, reason)
@@ -47,7 +47,7 @@ def disarm(state: ControllerState) -> None:
 
 def trip(state: ControllerState, reason: Reason, now_ms: int) -> None:
     """A watchdog on the command path expired. Three that mattered within 60 s latch; one recovers alone."""
-    matters = state.state in (State.READY, State.ASSIST) or (state.state == State.RAMP_DOWN and not state.ramp_fault)
+    matters = state.state in (READY, ASSIST) or (state.state is RAMP_DOWN and not state.ramp_fault)
     fire(state, Event.FAULT, reason, now_ms)
     if not matters:
         return

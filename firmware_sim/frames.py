@@ -153,10 +153,10 @@ def pack(can_id: int, values: tuple[int, ...]) -> bytes:
     Raises ValueError on a value out of range: the controller never sends one, so this is a defect, not bus input.
     """
     word = 0
-    for field, value in zip(FIELDS[can_id], values, strict=True):
-        if not field.lowest <= value <= field.highest:
-            raise ValueError(f"frame 0x{can_id:03X}: {field.name} = {value} outside {field.lowest}..{field.highest}")
-        word |= (value & ((1 << field.bits) - 1)) << field.start
+    for (name, start, bits, lowest, highest, _), value in zip(FIELDS[can_id], values, strict=True):
+        if not lowest <= value <= highest:
+            raise ValueError(f"frame 0x{can_id:03X}: {name} = {value} outside {lowest}..{highest}")
+        word |= (value & ((1 << bits) - 1)) << start
     return word.to_bytes(FRAME_LENGTH, "little")
 
 
@@ -171,13 +171,13 @@ def unpack(can_id: int, data: bytes) -> tuple[Reject, tuple[int, ...]]:
     if word & RESERVED_MASK[can_id]:
         return Reject.RESERVED, ()
     values = []
-    for field in fields:
-        value = (word >> field.start) & ((1 << field.bits) - 1)
-        if field.lowest < 0 and value >> (field.bits - 1):
-            value -= 1 << field.bits
-        if field.allowed is not None and value not in field.allowed:
+    for name, start, bits, lowest, highest, allowed in fields:
+        value = (word >> start) & ((1 << bits) - 1)
+        if lowest < 0 and value >> (bits - 1):
+            value -= 1 << bits
+        if allowed is not None and value not in allowed:
             return Reject.ENUM, ()
-        if not field.lowest <= value <= field.highest:
-            return (Reject.MUX if field.name in _MULTIPLEXERS else Reject.RANGE), ()
+        if not lowest <= value <= highest:
+            return (Reject.MUX if name in _MULTIPLEXERS else Reject.RANGE), ()
         values.append(value)
     return Reject.ACCEPTED, tuple(values)

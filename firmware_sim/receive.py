@@ -78,17 +78,18 @@ def _checked(state: ControllerState, frame: Received, now_ms: int) -> bool:
     before = state.receivers[slot]
     result, after = e2e.check(frame.can_id, frame.data, before)
     state.receivers = (*state.receivers[:slot], after, *state.receivers[slot + 1 :])
-    count(state, COUNT_LOST, after.lost - before.lost)
-    if result == e2e.Check.ERROR:
+    if after.lost > before.lost:
+        count(state, COUNT_LOST, after.lost - before.lost)
+    if result == e2e.ERROR:
         reject(state, Reject.CRC)
-    elif result == e2e.Check.REPEATED:
+    elif result == e2e.REPEATED:
         reject(state, Reject.REPEATED)
-    elif result == e2e.Check.WRONG_SEQUENCE:
+    elif result == e2e.WRONG_SEQUENCE:
         reject(state, Reject.SEQUENCE)
-    if frame.can_id == frames.ACT_CMD and before.machine == e2e.Machine.VALID and after.machine == e2e.Machine.INVALID:
+    if frame.can_id == frames.ACT_CMD and before.machine is e2e.VALID and after.machine is e2e.INVALID:
         state.neutral = 0
         trip(state, Reason.E2E_INVALID, now_ms)
-    return result in (e2e.Check.OK, e2e.Check.OK_SOME_LOST)
+    return result in (e2e.OK, e2e.OK_SOME_LOST)
 
 
 def _echo_age_ms(state: ControllerState, echo: int, now_ms: int) -> int | None:
@@ -112,7 +113,7 @@ def _act_cmd(state: ControllerState, data: bytes, values: tuple[int, ...], now_m
     gate, verb, _confidence, session, echo, age = values
     if state.pending is not None:
         authorisation_missing(state, now_ms)
-    trusted = state.armed and session == state.session and _machine(state) == e2e.Machine.VALID
+    trusted = state.armed and session == state.session and _machine(state) == e2e.VALID
     if gate == frames.GATE_HOLD:
         reject(state, Reject.ACCEPTED)
         _accept(state, data[2], True, now_ms)
@@ -137,7 +138,7 @@ def _act_cmd(state: ControllerState, data: bytes, values: tuple[int, ...], now_m
 
 def _why_not(state: ControllerState, verb: int, session: int, echo: int, age: int, now_ms: int) -> Reject:
     """First plain condition of ACT that fails; ACCEPTED when all hold and only the MAC is missing."""
-    if _machine(state) != e2e.Machine.VALID:
+    if _machine(state) != e2e.VALID:
         return Reject.E2E_STATE
     if not state.armed:
         return Reject.NOT_ARMED

@@ -71,13 +71,8 @@ def remember(times_ms: tuple[int, ...], now_ms: int, limit: int) -> tuple[int, .
 
 def implausible(angle_mdeg: int, second_angle_mdeg: int, previous_mdeg: int) -> bool:
     """The two encoders disagree by 3 degrees, read what no arm can, or jump by 5 degrees in a tick."""
-    return (
-        abs(angle_mdeg - second_angle_mdeg) > 3_000
-        or not -40_000 <= angle_mdeg <= 200_000
-        or abs(angle_mdeg - previous_mdeg) > 5_000
+    return not (
+        -3_000 <= angle_mdeg - second_angle_mdeg <= 3_000
+        and -40_000 <= angle_mdeg <= 200_000
+        and -5_000 <= angle_mdeg - previous_mdeg <= 5_000
     )
-
-
-def run_length(previous: int, bad: bool) -> int:
-    """Consecutive ticks for which something has been so; one tick to the contrary starts anew."""
-    return previous + 1 if bad else 0

@@ -11,7 +11,7 @@ LAG_S = 0.0015
 LIMIT_NM = 6.0
 
 
-@dataclass(slots=True)  # not frozen: one is made every millisecond
+@dataclass(slots=True)
 class Actuator:
     """Present torque; `stuck` freezes it, `gain` scales what is asked (1.0 is healthy), `bias_nm` comes on top."""
 
@@ -21,11 +21,11 @@ class Actuator:
     lag_s: float = LAG_S
     bias_nm: float = 0.0
 
-    def step(self, asked_nm: float, dt_s: float) -> Actuator:
+    def step(self, asked_nm: float, dt_s: float) -> None:
         """Follow the asked torque for `dt_s`."""
         if self.stuck:
-            return self
-        wanted = max(-LIMIT_NM, min(LIMIT_NM, asked_nm * self.gain + self.bias_nm))
-        share = dt_s / (self.lag_s + dt_s)
-        torque_nm = self.torque_nm + (wanted - self.torque_nm) * share
-        return Actuator(torque_nm, self.gain, self.stuck, self.lag_s, self.bias_nm)
+            return
+        wanted = asked_nm * self.gain + self.bias_nm
+        if not -LIMIT_NM <= wanted <= LIMIT_NM:
+            wanted = LIMIT_NM if wanted > 0.0 else -LIMIT_NM
+        self.torque_nm += (wanted - self.torque_nm) * (dt_s / (self.lag_s + dt_s))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from math import cos, radians, sin
 
 ARM_INERTIA = 0.07  # kg m^2, forearm and hand about the elbow (1.5 kg at 0.2 m)
 DEVICE_INERTIA = 0.015
@@ -17,50 +18,56 @@ FRICTION = 0.25  # N m s/rad, tissue and gear
 STOP_STIFFNESS = 60.0  # N m/rad beyond the anatomical stops
 STOP_LOW = math.radians(2.0)
 STOP_HIGH = math.radians(142.0)
+_STILL = math.radians(45.0)
+_SWAY_RATE = 2.0 * math.pi * 0.4
+_LOW, _SPAN = math.radians(40.0), math.radians(55.0)  # of a reach
 WEARERS = ("still", "reach", "sway", "tremor")
 
 
-@dataclass(slots=True)  # not frozen: one is made every millisecond
+@dataclass(slots=True)
 class Arm:
     """State of the joint: angle rad, velocity rad/s."""
 
     angle: float = math.radians(30.0)
     velocity: float = 0.0
 
-    def step(self, device_nm: float, wearer_nm: float, dt_s: float) -> Arm:
+    def step(self, device_nm: float, wearer_nm: float, dt_s: float) -> None:
         """Semi-implicit Euler over `dt_s` under the device's torque and the wearer's own."""
-        weight = (ARM_WEIGHT_NM + DEVICE_WEIGHT_NM) * math.sin(self.angle)
+        angle, velocity = self.angle, self.velocity
+        weight = (ARM_WEIGHT_NM + DEVICE_WEIGHT_NM) * sin(angle)
         stop = 0.0
-        if self.angle < STOP_LOW:
-            stop = STOP_STIFFNESS * (STOP_LOW - self.angle) - 2.0 * self.velocity
-        elif self.angle > STOP_HIGH:
-            stop = STOP_STIFFNESS * (STOP_HIGH - self.angle) - 2.0 * self.velocity
-        total = device_nm + wearer_nm + stop - weight - FRICTION * self.velocity
-        velocity = self.velocity + total / (ARM_INERTIA + DEVICE_INERTIA) * dt_s
-        return Arm(self.angle + velocity * dt_s, velocity)
+        if angle < STOP_LOW:
+            stop = STOP_STIFFNESS * (STOP_LOW - angle) - 2.0 * velocity
+        elif angle > STOP_HIGH:
+            stop = STOP_STIFFNESS * (STOP_HIGH - angle) - 2.0 * velocity
+        total = device_nm + wearer_nm + stop - weight - FRICTION * velocity
+        velocity += total / (ARM_INERTIA + DEVICE_INERTIA) * dt_s
+        self.velocity = velocity
+        self.angle = angle + velocity * dt_s
 
 
 def wanted_path(wearer: str, t_s: float) -> tuple[float, float]:
     """Where the wearer wants the elbow at time t, and how fast: (rad, rad/s). `wearer` is one of WEARERS."""
     if wearer == "still":
-        return math.radians(45.0), 0.0
+        return _STILL, 0.0
     if wearer == "sway":
-        rate = 2.0 * math.pi * 0.4
-        return math.radians(60.0 + 25.0 * math.sin(rate * t_s)), math.radians(25.0 * rate * math.cos(rate * t_s))
+        angle = _SWAY_RATE * t_s
+        return radians(60.0 + 25.0 * sin(angle)), radians(25.0 * _SWAY_RATE * cos(angle))
     # A reach out and back every four seconds, minimum jerk, one second each way.
     phase = t_s % 4.0
     going = phase < 2.0
-    s = min(phase if going else phase - 2.0, 1.0)
+    s = phase if going else phase - 2.0
+    if s >= 1.0:
+        return _LOW + _SPAN if going else _LOW, 0.0
     moved = 10 * s**3 - 15 * s**4 + 6 * s**5
     rate = 30 * s**2 - 60 * s**3 + 30 * s**4
-    low, span = math.radians(40.0), math.radians(55.0)
-    return (low + span * moved, span * rate) if going else (low + span * (1.0 - moved), -span * rate)
+    return (_LOW + _SPAN * moved, _SPAN * rate) if going else (_LOW + _SPAN * (1.0 - moved), -_SPAN * rate)
 
 
 def wearer_torque(wearer: str, arm: Arm, t_s: float) -> float:
     """What the wearer's own muscles do, N m: most of the weight, a weak spring to the wanted path, tremor at 6 Hz."""
     angle, velocity = wanted_path(wearer, t_s)
-    own_weight = 0.85 * ARM_WEIGHT_NM * math.sin(arm.angle)
+    own_weight = 0.85 * ARM_WEIGHT_NM * sin(arm.angle)
     torque = own_weight + 6.0 * (angle - arm.angle) + 0.8 * (velocity - arm.velocity)
     if wearer == "tremor":
         torque += 0.9 * math.sin(2.0 * math.pi * 6.0 * t_s)

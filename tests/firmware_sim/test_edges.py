@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from copy import copy
+
 import pytest
 
 from firmware_sim import e2e, frames, torque
@@ -9,11 +11,13 @@ from firmware_sim.controller import step
 from firmware_sim.e2e import Check, Machine, Receiver
 from firmware_sim.frames import Reject
 from firmware_sim.memory import COUNT_LOST, ECHO_AGE_MAX_MS, ControllerState, Inputs, Received
+from firmware_sim.profiles import profile
 from firmware_sim.states import Reason, State
 from tests.safety.hand import BOOT_NONCE, KEY, POUR, TAKE, Hand
 
 requirement = pytest.mark.requirement
 CLEAR = frames.PURPOSE_CLEAR_LATCH
+CUT = 4
 
 
 def valid_and_armed() -> Hand:
@@ -252,3 +256,29 @@ def test_cyclic_messages_may_lose_two_frames_and_events_any_number(can_id: int, 
         data = e2e.protect(can_id, bytes(8), 10 + delta)
         found, _ = e2e.check(can_id, data, Receiver(10, Machine.VALID, (Check.OK,) * 4))
         assert found == (Check.OK_SOME_LOST if delta <= most else Check.WRONG_SEQUENCE)
+
+
+@pytest.mark.parametrize("again", ["hold", "act"])
+def test_a_command_during_a_ramp_is_no_fault(again: str) -> None:
+    hand = Hand().to_assist()
+    hand.tick(hand.hold())
+    assert hand.state.state == State.RAMP_DOWN
+    hand.run(10)
+    hand.tick(*((hand.hold(),) if again == "hold" else hand.act()))
+    assert (hand.state.state, hand.state.reason, hand.state.ramp_fault) == (State.RAMP_DOWN, Reason.HOLD, False)
+    hand.until_zero()
+    assert hand.state.state == State.READY
+
+
+# Torque
+
+
+@pytest.mark.parametrize("verb", [TAKE, CUT])
+def test_h5_the_filters_go_on_while_assisting(verb: int) -> None:
+    hand = Hand().to_assist(verb)
+    law = copy(hand.state.torque)
+    hand.tick(velocity_mdeg_s=-50_000)
+    assert hand.state.state == State.ASSIST
+    torque.track(law, profile(verb), -50_000)
+    assert (hand.state.torque.slow_mean, hand.state.torque.band_mean) == (law.slow_mean, law.band_mean)
+    assert hand.state.torque.slot_tick == law.slot_tick

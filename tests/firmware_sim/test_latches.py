@@ -62,9 +62,9 @@ def test_leaving_a_latch_needs_all_four(missing: str) -> None:
         hand.beat(hand.hold(session=0), milliseconds=1)
         hand.state.clear_until_ms = hand.now_ms + 1
     if missing == "zero_gravity":
-        hand.state.torque = hand.state.torque._replace(gravity_unm=1)
+        hand.state.torque.gravity_unm = 1
     if missing == "zero_assist":
-        hand.state.torque = hand.state.torque._replace(assist_unm=1)
+        hand.state.torque.assist_unm = 1
     hand.tick(local_clear=missing != "local")
     if missing != "none":
         assert hand.state.state == State.LATCHED

@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 import ast
-from copy import deepcopy
+from copy import copy, deepcopy
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 import firmware_sim
-from firmware_sim.controller import step
-from firmware_sim.memory import Inputs
+from firmware_sim import frames
+from firmware_sim.controller import advance, step
+from firmware_sim.memory import Inputs, Received
+from firmware_sim.states import State
 from tests.safety.hand import Hand
 
 HOME = Path(firmware_sim.__file__).parent
@@ -19,7 +22,7 @@ STEP = (
     "frames", "e2e", "secoc", "selftest",
 )  # fmt: skip
 # Nothing that reads a clock, a bus, a file or chance; `cryptography` is AES in secoc alone.
-ALLOWED = {"__future__", "collections", "copy", "dataclasses", "enum", "functools", "typing"}
+ALLOWED = {"__future__", "collections", "copy", "dataclasses", "enum", "functools", "itertools", "operator", "typing"}
 
 
 def imported(name: str) -> set[str]:
@@ -55,9 +58,27 @@ def test_the_step_calculates_in_integers(name: str) -> None:
 def test_a_step_leaves_its_state_untouched_and_gives_the_same_twice() -> None:
     hand = Hand().to_assist()
     before, kept = hand.state, deepcopy(hand.state)
-    inputs = hand.inputs._replace(frames=(*hand.act(), hand.heartbeat()))
+    inputs = replace(hand.inputs, frames=(*hand.act(), hand.heartbeat()))
     first, second = step(before, inputs, hand.now_ms + 1), step(before, inputs, hand.now_ms + 1)
     assert before == kept
+    assert before.torque is not first[0].torque
     assert first == second
     assert first[0] != kept
     assert step(before, Inputs(), hand.now_ms + 1) != first
+
+
+def test_a_step_in_place_comes_to_the_same() -> None:
+    hand = Hand().to_assist()
+    state = copy(hand.state)
+    for number in range(400):
+        received: tuple[Received, ...] = ()
+        if number == 300:
+            received = (Received(frames.STOP, b""),)
+        elif number % 40 == 0:
+            received = (hand.heartbeat(), *(hand.act() if number < 150 else (hand.hold(),)))
+        hand.tick(*received)
+        advance(state, replace(hand.inputs, frames=received), hand.now_ms)
+        assert state == hand.state
+        law = state.torque
+        assert hand.outputs == (state.outbox, law.assist_unm, law.gravity_unm, state.follow_unm)
+    assert hand.state.state == State.ESTOP

@@ -53,7 +53,7 @@ def test_measurements_have_the_scales_and_bounds_of_the_dbc(
 
 def test_authority_on_the_wire_is_never_below_zero() -> None:
     hand = Hand().to_assist()
-    hand.state.torque = hand.state.torque._replace(authority=0)
+    hand.state.torque.authority = 0
     hand.tick(user_torque_unm=-2_000_000 if hand.outputs.assist_unm > 0 else 2_000_000)
     transmit.send_status(hand.state, hand.now_ms)
     _, values = frames.unpack(frames.CTRL_STATUS, hand.state.outbox[-1][1])

@@ -13,6 +13,8 @@ import random
 import struct
 import zlib
 from collections.abc import Iterator
+from dataclasses import fields
+from operator import attrgetter
 from pathlib import Path
 from typing import NamedTuple
 
@@ -21,6 +23,7 @@ from firmware_sim.profiles import NONE, profile
 from firmware_sim.torque import Torque
 
 _LAYOUT = struct.Struct("<43q")  # the fields in their order, the peaks of the window one by one, then follow torque
+_BEFORE_PEAKS = attrgetter(*[field.name for field in fields(Torque)][:16])
 FILE = Path(__file__).with_suffix(".csv")
 MODES = ("assist", "ramp", "stop", "fade", "rest", "follow")
 _VERBS = (1, 3, 4, 6, 10, 14, 15)  # one of each profile
@@ -50,24 +53,25 @@ class Expected(NamedTuple):
     crc32: int
 
 
-def tick(law: Torque, segment: Segment, number: int) -> tuple[Torque, int]:
-    """The law after tick `number` of a segment, and follow torque."""
+def tick(law: Torque, segment: Segment, number: int) -> int:
+    """Take the law through tick `number` of a segment; returns follow torque."""
     angle = segment.angle_mdeg + number * segment.angle_step
     velocity = segment.velocity_mdeg_s + number * segment.velocity_step
     user = segment.user_unm + number * segment.user_step
     used = profile(segment.verb) if segment.mode == "assist" else NONE
-    law = torque.track(law, used, velocity)
+    torque.track(law, used, velocity)
     if segment.mode == "assist":
-        law = torque.assisting(law, used, angle, velocity, user)
+        torque.assisting(law, used, angle, velocity, user)
     elif segment.mode == "ramp":
-        law = torque.supporting_less(torque.ramping(law, 1))
+        torque.letting_go(law)
     elif segment.mode == "stop":
-        law = torque.support_gone(torque.ramping(law, torque.STOP_STRIDE))
+        torque.ramping(law, torque.STOP_STRIDE)
+        torque.support_gone(law)
     elif segment.mode == "fade":
-        law = torque.supporting_less(law)
+        torque.supporting_less(law)
     elif segment.mode == "rest":
-        law = torque.at_rest(law)
-    return law, torque.follow_torque(angle, velocity)
+        torque.at_rest(law)
+    return torque.follow_torque(angle, velocity)
 
 
 def replayed(segments: list[Segment]) -> Iterator[tuple[Segment, Expected]]:
@@ -78,8 +82,8 @@ def replayed(segments: list[Segment]) -> Iterator[tuple[Segment, Expected]]:
             law, story = Torque(), segment.story
         crc, follow = 0, 0
         for number in range(segment.ticks):
-            law, follow = tick(law, segment, number)
-            crc = zlib.crc32(_LAYOUT.pack(*law[:16], *law.peaks, law.slot_tick, follow), crc)
+            follow = tick(law, segment, number)
+            crc = zlib.crc32(_LAYOUT.pack(*_BEFORE_PEAKS(law), *law.peaks, law.slot_tick, follow), crc)
         yield segment, Expected(law.assist_unm, law.gravity_unm, follow, crc)
 
 

@@ -37,8 +37,9 @@ class Defect:
     fault: str
 
 
-def _slow_ramp(state: torque.Torque, stride: int) -> torque.Torque:
-    return state._replace(assist_unm=torque.div(state.assist_unm * 98, 100), ramp_tick=1)
+def _slow_ramp(law: torque.Torque, stride: int) -> None:
+    law.assist_unm = torque.div(law.assist_unm * 98, 100)
+    law.ramp_tick = 1
 
 
 DEFECTS: tuple[Defect, ...] = (

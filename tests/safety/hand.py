@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from firmware_sim import e2e, frames, secoc
 from firmware_sim.controller import step
 from firmware_sim.memory import ControllerState, Inputs, Outputs, Received
@@ -35,7 +37,7 @@ class Hand:
     def tick(self, *received: Received, **changes: object) -> Outputs:
         """One millisecond with these frames."""
         self.now_ms += 1
-        self.state, self.outputs = step(self.state, self.inputs._replace(frames=received, **changes), self.now_ms)
+        self.state, self.outputs = step(self.state, replace(self.inputs, frames=received, **changes), self.now_ms)
         for can_id, data in self.outputs.frames:
             self.log.append((can_id, data))
             if can_id == frames.CTRL_STATUS:

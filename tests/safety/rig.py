@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Callable
+from dataclasses import replace
 from functools import cache
 
 from firmware_sim.controller import step
@@ -89,7 +90,7 @@ class Rig:
             frames = self.bridge.tick(self.decision, oldest, (True, True, True), 7, now_ns)
             self._bridge_sends(frames)
         frames, self._queue = tuple(self._queue), []
-        inputs = self.inputs._replace(frames=frames, random_u32=self.random.getrandbits(32), **changes)
+        inputs = replace(self.inputs, frames=frames, random_u32=self.random.getrandbits(32), **changes)
         self.state, self.outputs = step(self.state, inputs, self.now_ms)
         self.history.append((self.now_ms, self.state.state.name, self.outputs.assist_unm))
         for can_id, data in self.outputs.frames:
