@@ -56,12 +56,15 @@ def test_what_is_saved_is_what_is_loaded(tmp_path):
 
 def test_a_curve_for_each_set_of_modalities_is_kept_and_older_bundles_have_one_for_all(tmp_path):
     bundle = load_bundle(demo_bundle_path())
-    assert set(bundle.calibration.isotonic) == {7}
+    assert set(bundle.calibration.isotonic) == set(range(1, 8))
     curves = {mask: ((0.0, 1.0), (0.0, 0.1 * mask)) for mask in range(1, 8)}
     renewed = replace(bundle, calibration=replace(bundle.calibration, isotonic=curves))
     path = save_bundle(renewed, tmp_path / "b.safetensors")
     assert load_bundle(path).calibration.isotonic == curves
     tensors, metadata = parts()
+    del metadata["calibration"]["isotonic"]
+    metadata["calibration"] |= {"isotonic_x": [0.0, 1.0], "isotonic_y": [0.0, 0.9]}
+    assert load_bundle(write(tmp_path / "old", tensors, metadata)).calibration.isotonic == {7: ((0.0, 1.0), (0.0, 0.9))}
     for wrong in ({"9": [[0, 1], [0, 1]]}, {"7": [[0, 1]]}, {"7": 3}, ["7"]):
         metadata["calibration"]["isotonic"] = wrong
         refused(write(tmp_path / "c", tensors, metadata), "unusable bundle")
