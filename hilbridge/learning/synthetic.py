@@ -19,8 +19,8 @@ from hilbridge.features.layout import LAYOUT_HASH, STEP_NS, D
 from hilbridge.wearer.person import Tremor, Wearer
 from hilbridge.wearer.timeline import Difficulty, bayes_posterior, statistics
 
-# 2 s windows that end up to 0.76 s before an onset, and five steps for the filters to settle in.
-BEFORE_ONSET_STEPS = 73
+# 2 s windows that end up to 0.76 s before an onset, and 0.8 s for the filters to settle in.
+BEFORE_ONSET_STEPS = 88
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +113,7 @@ def record_people(
     whole_seconds: float | None = None,
 ) -> Stream:
     """Streams of many people, kept in `cache` (one npz per person) so that an interrupted run goes on where it was."""
-    cut = "" if whole_seconds is None else f"-{whole_seconds:g}whole"
+    cut = "" if whole_seconds is None else f"-{whole_seconds:g}whole{BEFORE_ONSET_STEPS}"
     kind = hashlib.sha256(f"{LAYOUT_HASH} {difficulty}".encode()).hexdigest()[
         :12
     ]  # other features or people: not these
