@@ -39,7 +39,7 @@ LOSSES: tuple[tuple[Modality, ...], ...] = ((), (Modality.GAZE,), (Modality.HAND
 BENCHMARK_RECIPE = Recipe(
     hidden=128,
     epochs=24,
-    windows_per_epoch=14_400,
+    windows_per_epoch=18_000,
     learning_rate=8e-3,
     weight_decay=0.6,
     jitter=0.2,
@@ -71,10 +71,10 @@ class Plan:
     """How large the benchmark is: people of each kind with `seconds` of windows before onsets; `replayed` people of
     `stream_seconds`, every step of them, for E5, and as many again to fit on; how many simulated certifications."""
 
-    training: int = 112
+    training: int = 160
     validation: int = 16
-    calibration: int = 48
-    test: int = 48
+    calibration: int = 96
+    test: int = 96
     seconds: float = 900.0
     replayed: int = 24
     stream_seconds: float = 60.0
