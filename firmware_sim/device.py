@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from math import degrees, sin
+from math import sin
 from typing import Any
 
 from firmware_sim.controller import advance
@@ -13,6 +13,7 @@ from firmware_sim.plant.actuator import LAG_S, Actuator
 from firmware_sim.plant.arm import Arm, wearer_torque
 
 _TICK_S = 0.001
+_MDEG = math.degrees(1000.0)  # in one radian
 LOG_CYCLE_MS = 20
 
 
@@ -47,11 +48,11 @@ class Device:
         self.ticks += 1
         state, arm, actuator, inputs = self.state, self.arm, self.actuator, self._inputs
         wearer_nm = wearer_torque(self.wearer, arm, self.ticks * _TICK_S) + self.wearer_extra_nm
-        angle = round(degrees(arm.angle) * 1000)
+        angle = round(arm.angle * _MDEG)
         inputs.frames = frames
         inputs.angle_mdeg = angle
         inputs.second_angle_mdeg = angle + self.encoder_offset_mdeg
-        inputs.velocity_mdeg_s = round(degrees(arm.velocity) * 1000)
+        inputs.velocity_mdeg_s = round(arm.velocity * _MDEG)
         inputs.user_torque_unm = round(wearer_nm * 1e6) - round(2.0e6 * 0.85 * sin(arm.angle))
         inputs.measured_unm = round(actuator.torque_nm * 1e6)
         inputs.commanded_unm = self._commanded_unm

@@ -59,8 +59,9 @@ def wanted_path(wearer: str, t_s: float) -> tuple[float, float]:
     s = phase if going else phase - 2.0
     if s >= 1.0:
         return _LOW + _SPAN if going else _LOW, 0.0
-    moved = 10 * s**3 - 15 * s**4 + 6 * s**5
-    rate = 30 * s**2 - 60 * s**3 + 30 * s**4
+    square = s * s
+    moved = s * square * (10.0 + s * (6.0 * s - 15.0))
+    rate = 30.0 * square * (1.0 + s * (s - 2.0))
     return (_LOW + _SPAN * moved, _SPAN * rate) if going else (_LOW + _SPAN * (1.0 - moved), -_SPAN * rate)
 
 
