@@ -46,7 +46,7 @@ def profiled(world: Lockstep) -> Profile:
     def put(owner: Any, name: str, part: str) -> None:
         setattr(owner, name, profile.timed(part, getattr(owner, name)))
 
-    put(world.device, "tick", "controller, actuator and arm")
+    put(world, "tick_device", "controller, actuator and arm")
     put(world.probe, "look", "signals of the device")
     put(world.network, "pump", "bit-level bus")
     put(world.body, "frame", "wearer: rendered pictures")

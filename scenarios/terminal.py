@@ -12,6 +12,7 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from scenarios.compiled import is_compiled
 from scenarios.judging import Result, Skipped
 
 if TYPE_CHECKING:
@@ -26,6 +27,17 @@ def progress_bar(total: int, *, quiet: bool) -> Iterator[Callable[[str], None]]:
     with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bar:
         task = bar.add_task("", total=total)
         yield lambda name: bar.update(task, advance=1, description=name)
+
+
+@contextmanager
+def waiting(what: str) -> Iterator[None]:
+    """A sign of life on standard error while something takes long and cannot say how far it is."""
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield
+        return
+    with console.status(what):
+        yield
 
 
 def print_results(results: Sequence[Result], out: Path | None, skipped: Sequence[Skipped] = ()) -> None:
@@ -63,7 +75,8 @@ def print_results(results: Sequence[Result], out: Path | None, skipped: Sequence
         console.print(f"[yellow]skipped[/] {one.name}: {one.file}: {one.why}", highlight=False, soft_wrap=True)
     took = f"{cpu_s:.0f} s"
     if not live:
-        took = f"{cpu_s:.1f} s of processor time ({seconds / max(cpu_s, 1e-9):.0f} x)"
+        device = ", compiled device" if is_compiled() else ""
+        took = f"{cpu_s:.1f} s of processor time ({seconds / max(cpu_s, 1e-9):.0f} x{device})"
     console.print(
         f"\n{len(results) - len(failed)} of {len(results)} passed"
         + (f", {len(skipped)} skipped" if skipped else "")
