@@ -24,6 +24,9 @@ MATCH_DISTANCE = 0.35  # further than a hand moves in one step: another hand
 MAX_COAST_NS = 160_000_000
 MAX_AGE_NS = 150_000_000
 MIN_SCORE = 0.3
+MAX_CANDIDATES = (
+    8  # a detector that sees more hands than this in one picture is not to be believed, nor to be waited for
+)
 Pairs = tuple[tuple[int, int], ...]
 
 
@@ -93,6 +96,8 @@ class HandTracker:
         return tuple(None if track is None else track.state() for track in self._slots)
 
     def _associate(self, hands: list[Hand], now_ns: int) -> None:
+        if len(hands) > MAX_CANDIDATES:
+            hands = sorted(hands, key=lambda hand: -hand.score)[:MAX_CANDIDATES]
         tracks = [track for track in self._slots if track is not None]
         distance = [[track.distance(hand) for hand in hands] for track in tracks]
         unmatched = set(range(len(hands)))

@@ -3,6 +3,7 @@ import math
 import numpy as np
 import pytest
 
+from hilbridge.features import hands
 from hilbridge.features.hands import HandTracker
 from hilbridge.records import Hand, HandTracks
 
@@ -72,3 +73,22 @@ def test_a_third_hand_and_hands_that_cannot_be_are_ignored():
     states = tracker.update(tracks(40, (0.2, 0.5), (0.8, 0.5), (0.5, 0.2)), 40 * MS)
     assert states is not None
     assert [state is not None for state in states] == [True, True]
+
+
+def test_of_a_thousand_hands_at_once_the_eight_likeliest_are_looked_at(monkeypatch):
+    widths = []
+
+    def counted(distance):
+        widths.extend(len(row) for row in distance)
+        return nearest(distance)
+
+    nearest = hands.nearest
+    monkeypatch.setattr(hands, "nearest", counted)
+    tracker = HandTracker()
+    crowd = tuple(Hand(0.5 + 0.0004 * k, 0.5, 0.4) for k in range(1000))
+    likely = (Hand(0.2, 0.6, 0.95), Hand(0.8, 0.6, 0.94))
+    for step in range(3):
+        states = tracker.update(HandTracks(step * 40_000_000, crowd + likely), step * 40_000_000)
+    assert states is not None
+    assert [round(state.x, 2) for state in states if state is not None] == [0.2, 0.8]
+    assert set(widths) == {hands.MAX_CANDIDATES}
