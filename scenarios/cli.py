@@ -160,10 +160,10 @@ def compile_(
     out: Annotated[Path, typer.Option(help="folder for the compiled modules; made anew")] = Path("build/fast"),
 ) -> None:
     """Compile the simulated device (mypyc, a C compiler, some minutes): the same bytes in less time."""
+    from hilbridge.terminal import status
     from scenarios.compiled import compile_device
-    from scenarios.terminal import waiting
 
-    with waiting("compiling the simulated device"):
+    with status("compiling the simulated device", quiet=False):
         made = compile_device(out)
     typer.echo(f"{made}: use it with PYTHONPATH={made} hilscenario run ...")
 

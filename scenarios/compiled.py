@@ -16,6 +16,7 @@ from pathlib import Path
 from firmware_sim import controller
 from hilbridge.errors import InputError
 
+_MARK = "made-by-hilscenario-compile"  # only a folder that has it may be emptied
 # Those at the edge: the process, its files and its bus are not what a scenario runs.
 _NOT_COMPILED = ("__init__.py", "attachment.py", "diagram.py", "keys.py", "node.py", "priority.py")
 
@@ -34,9 +35,11 @@ def compile_device(out: Path) -> Path:
     if not any(shutil.which(name) for name in (os.environ.get("CC", "cc"), "gcc", "clang")):
         raise InputError("compiling needs a C compiler; install gcc, or name one in CC")
     package = Path(controller.__file__).parent
-    if out.exists() and not (out / package.name).is_dir():
-        raise InputError(f"{out}: is there and no folder of compiled modules; name another with --out")
+    if out.exists() and not (out / _MARK).is_file():
+        raise InputError(f"{out}: is there and not made by this command; name another folder with --out")
     shutil.rmtree(out, ignore_errors=True)
+    out.mkdir(parents=True)
+    (out / _MARK).touch()
     shutil.copytree(package, out / package.name, ignore=shutil.ignore_patterns("__pycache__"))
     modules = [str(path.relative_to(out)) for path in sorted(out.rglob("*.py")) if path.name not in _NOT_COMPILED]
     command = [sys.executable, "-m", "mypyc", "--config-file=", *modules]

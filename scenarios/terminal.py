@@ -29,17 +29,6 @@ def progress_bar(total: int, *, quiet: bool) -> Iterator[Callable[[str], None]]:
         yield lambda name: bar.update(task, advance=1, description=name)
 
 
-@contextmanager
-def waiting(what: str) -> Iterator[None]:
-    """A sign of life on standard error while something takes long and cannot say how far it is."""
-    console = Console(stderr=True)
-    if not console.is_terminal:
-        yield
-        return
-    with console.status(what):
-        yield
-
-
 def print_results(results: Sequence[Result], out: Path | None, skipped: Sequence[Skipped] = ()) -> None:
     """The table, then what failed and how to repeat it, and what was not run and why."""
     console = Console(width=None if Console().is_terminal else 120)

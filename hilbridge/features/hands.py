@@ -24,9 +24,8 @@ MATCH_DISTANCE = 0.35  # further than a hand moves in one step: another hand
 MAX_COAST_NS = 160_000_000
 MAX_AGE_NS = 150_000_000
 MIN_SCORE = 0.3
-MAX_CANDIDATES = (
-    8  # a detector that sees more hands than this in one picture is not to be believed, nor to be waited for
-)
+# A detector that sees more hands than this in one picture is not to be believed, nor to be waited for.
+MAX_CANDIDATES = 8
 Pairs = tuple[tuple[int, int], ...]
 
 

@@ -1,5 +1,6 @@
 import json
-from dataclasses import replace
+from dataclasses import asdict, replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +12,7 @@ from hilbridge.features.layout import STEP_NS  # noqa: E402
 from hilbridge.intent.bundle import demo_bundle_path, load_bundle  # noqa: E402
 from hilbridge.intent.calibration import ALL_VALID, Method  # noqa: E402
 from hilbridge.intent.predictor import Predictor  # noqa: E402
-from hilbridge.learning.demo import TrainConfig, replay_bundle, train  # noqa: E402
+from hilbridge.learning.demo import DEMO_RECIPE, TrainConfig, replay_bundle, train  # noqa: E402
 from hilbridge.learning.replay import estimates, replay, stream_logits  # noqa: E402
 from hilbridge.learning.synthetic import Stream, record, record_people  # noqa: E402
 from hilbridge.learning.train import Recipe, class_weights, fit_network  # noqa: E402
@@ -138,3 +139,10 @@ def test_recording_is_the_same_from_cache(tmp_path):
     assert (record_people([6_000], other, 3.0, tmp_path).bayes != stored.bayes).any()  # other people of the same name
     assert STEP_NS == 40_000_000
     assert Modality.GAZE == 0
+
+
+def test_the_shipped_bundle_was_made_by_the_recipe_that_train_has():
+    provenance = load_bundle(demo_bundle_path()).provenance
+    assert provenance["recipe"] == asdict(DEMO_RECIPE)
+    config = TrainConfig(Path("unused"), Path("unused"))
+    assert (provenance["people"], provenance["seconds_each"]) == (config.people, config.seconds)

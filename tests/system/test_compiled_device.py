@@ -44,11 +44,14 @@ def test_the_compiled_device_leaves_the_same_bytes(tmp_path: Path) -> None:
         assert (tmp_path / "slow-out" / name).read_bytes() == (tmp_path / "fast-out" / name).read_bytes(), name
 
 
-def test_a_folder_of_something_else_is_not_emptied(tmp_path: Path) -> None:
-    (tmp_path / "thesis.tex").write_text("years of work")
-    with pytest.raises(InputError, match="no folder of compiled modules"):
+@pytest.mark.parametrize("inside", ["thesis.tex", "firmware_sim/controller.py"])
+def test_a_folder_of_something_else_is_not_emptied(tmp_path: Path, inside: str) -> None:
+    """Least of all the sources' own."""
+    (tmp_path / inside).parent.mkdir(exist_ok=True)
+    (tmp_path / inside).write_text("years of work")
+    with pytest.raises(InputError, match="not made by this command"):
         compiled.compile_device(tmp_path)
-    assert (tmp_path / "thesis.tex").exists()
+    assert (tmp_path / inside).exists()
 
 
 def test_no_compiler_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
