@@ -12,7 +12,7 @@ from firmware_sim.law.memory import NEVER_TICKS, Torque
 _SPLIT = 13  # / 1024 per ms: 2 Hz
 _USER = 4  # 0.6 Hz: tremor of 2 N m at 3 Hz leaves 0.4 N m
 WINDOW_SLOT_MS = 10
-_GAIN = 166_000
+_GAIN = 215_000  # half waves are damped at no more than rises by 12 N m/s, hardly more than torque may
 _FORGETS = 9  # the impulse fades with a time constant of 512 ms
 
 
