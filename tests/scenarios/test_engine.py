@@ -6,12 +6,16 @@ from pathlib import Path
 
 import pytest
 
+from firmware_sim.device import Device
+from firmware_sim.memory import ControllerState
 from scenarios.campaign import Sample, base_scenario, run_sample, samples_of, scenario_for
 from scenarios.collect import collect, unfold
 from scenarios.engine import MS, Lockstep
 from scenarios.minimise import minimise_scenario
+from scenarios.probes import DeviceProbe
 from scenarios.run import run_scenario
 from scenarios.schema import Scenario, dump_scenario, load_scenario, scenario_of
+from scenarios.tracks import Tracks
 from scenarios.vocabulary import FAULTS
 from tests.safety.defects import DEFECTS, planted
 
@@ -45,6 +49,16 @@ def test_the_devices_tick_takes_its_turn_among_those_of_one_time(monkeypatch: py
     world.run()
     assert said == ["past", "tick 1", "tick 2", "early", "tick 3", "late", "tick 4", "tick 5"]
     assert world.clock.time_ns == 5 * MS
+
+
+def test_energy_is_of_everything_an_act_adds() -> None:
+    probe, device = DeviceProbe(Tracks(), None), Device(ControllerState(b"k" * 16, 1))
+    device.arm.velocity, device.state.torque.gravity_unm = 2.0, 50_000
+    probe.look(device, MS, ())
+    assert probe.energy_j == pytest.approx(0.05 * 2.0 * 1e-3)
+    device.state.torque.assist_unm = -80_000
+    probe.look(device, 2 * MS, ())
+    assert probe.energy_j == pytest.approx((0.05 + 0.03) * 2.0 * 1e-3)
 
 
 def test_a_recording_changes_no_signal(tmp_path: Path) -> None:

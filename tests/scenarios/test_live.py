@@ -184,6 +184,11 @@ def test_words_hold_and_torque_is_straight_between_lines() -> None:
     assert figures["assist_energy_j"] == pytest.approx(sum(1.0 - k / 10 for k in range(10)) * 1e-3)
 
 
+def test_energy_is_of_gravity_support_too_with_and_without_assist() -> None:
+    rows = [line(0, "READY", 0.0, gravity_nm=0.5), line(40, "READY", 0.0, gravity_nm=0.5)]
+    assert assist_figures(device_columns(rows, 0, 41))["assist_energy_j"] == pytest.approx(41 * 0.5 * 1e-3)
+
+
 def test_ages_are_on_the_devices_own_clock_and_grow_between_lines() -> None:
     act = {"accepted_live": True, "accepted_ms": 1005}
     hold = {"accepted_live": True, "accepted_ms": 1050, "accepted_hold": True}
