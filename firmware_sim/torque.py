@@ -63,6 +63,7 @@ def letting_go(torque: Torque, velocity_mdeg_s: int) -> None:
     if torque.assist_unm or torque.gravity_unm or torque.ramp_tick < RAMP_TICKS or torque.gravity_tick < WAY_TICKS:
         ramping(torque, 1, velocity_mdeg_s)
         support_less(torque)
+        allowance.spend(torque, velocity_mdeg_s)
     if torque.work:
         allowance.recover(torque)
 

@@ -102,11 +102,18 @@ def test_h2_what_is_let_go_comes_to_rest_and_a_torque_out_of_nowhere_does_not_st
     for _ in range(500):
         torque.letting_go(law, QUICK)
     rest = replace(PULLED, assist_unm=0, damping_unm=0, gravity_unm=0, ramp_tick=40, gravity_tick=500)
+    law.work = 0
     assert law == rest
     if left != "nothing":
         setattr(law, left, 1)
     torque.letting_go(law, QUICK)
     assert law == rest
+
+
+def test_what_still_pushes_while_it_is_let_go_is_work_too() -> None:
+    law = replace(PULLED, gravity_tick=0)
+    torque.letting_go(law, QUICK)
+    assert law.work == (law.gravity_unm * QUICK >> 20) - 437 > 0
 
 
 def test_letting_go_gives_work_back_slowly() -> None:
