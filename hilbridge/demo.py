@@ -14,13 +14,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from hilbridge.bus.spec import parse_spec
+from hilbridge.bus.port.spec import parse_spec
 from hilbridge.config import BusConfig, Config
 from hilbridge.errors import InputError
+from hilbridge.run import Outcome, Progress, run_bridge
 from hilbridge.runtime.assemble import read_parts
 from hilbridge.runtime.live import LiveBridge
 from hilbridge.runtime.simulated_senses import SimulatedSenses
-from hilbridge.session import Outcome, Progress, run_bridge
 from hilbridge.verbs import VERBS
 from hilbridge.wearer.person import Tremor, Wearer
 

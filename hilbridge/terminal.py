@@ -13,8 +13,8 @@ from rich.table import Table
 
 from hilbridge.doctor import Finding, Verdict
 from hilbridge.observe.summary import Summary
-from hilbridge.session import Outcome
-from hilbridge.session import Progress as OnProgress
+from hilbridge.run import Outcome
+from hilbridge.run import Progress as OnProgress
 
 # Progress goes to stderr, so that `--json` on stdout stays one object.
 _ERR = Console(stderr=True)

@@ -19,10 +19,10 @@ from typing import Any
 import joblib
 
 from hilbridge.errors import InputError
-from scenarios.run import run_scenario
-from scenarios.schema import Expectation, Scenario, Step, dump_scenario, scenario_of
-from scenarios.stl import first_ms
-from scenarios.vocabulary import FAULTS
+from scenarios.format.schema import Expectation, Scenario, Step, dump_scenario, scenario_of
+from scenarios.format.vocabulary import FAULTS
+from scenarios.lockstep.run import run_scenario
+from scenarios.signals.stl import first_ms
 
 # Where a fault strikes: the gate's state at that moment, as conditions on signals.
 GATE_STATES: dict[str, str] = {

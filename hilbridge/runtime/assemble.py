@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hilbridge.bus.port import BusPort, PortState
+from hilbridge.bus.port.asyncio_port import BusPort, PortState
 from hilbridge.config import BusConfig, Config
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.core.gate import MS, GateConfig
@@ -22,8 +22,9 @@ from hilbridge.runtime.live import Judge, LiveBridge, Recorder
 from hilbridge.runtime.node import BridgeNode, Predicts
 from hilbridge.runtime.senses import Senses
 from hilbridge.wire.codec import Codec
+from hilbridge.wire.keys import load_key
 from hilbridge.wire.link import WireLink
-from hilbridge.wire.secoc import Authenticator, load_key
+from hilbridge.wire.secoc import Authenticator
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator

@@ -7,8 +7,8 @@ import time
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from hilbridge.bus.error_frames import ControllerState
-from hilbridge.bus.port import BusPort, PortState, SendResult
+from hilbridge.bus.model.error_frames import ErrorState
+from hilbridge.bus.port.asyncio_port import BusPort, PortState, SendResult
 from hilbridge.core.bridge import STOP_GAP_NS, STOP_REPEATS
 from hilbridge.records import FeatureVector, Frame
 from hilbridge.runtime.node import BridgeNode
@@ -21,10 +21,10 @@ Recorder = Callable[[str, int, Mapping[str, Any]], None]
 Judge = Callable[[int, int | None], Mapping[str, Any]]
 
 _BUS_STATES = {
-    ControllerState.ACTIVE: 1,
-    ControllerState.WARNING: 2,
-    ControllerState.PASSIVE: 3,
-    ControllerState.BUS_OFF: 4,
+    ErrorState.ACTIVE: 1,
+    ErrorState.WARNING: 2,
+    ErrorState.PASSIVE: 3,
+    ErrorState.BUS_OFF: 4,
 }
 _HOUSEKEEPING_S = 1.0
 
@@ -95,7 +95,7 @@ class LiveBridge:
         now_ns = self._clock_ns()
         text = f"bus: {'link up' if state.link_up else 'link down'}, controller {state.controller.name.lower()}"
         self._record("/event", now_ns, {"text": f"{text}{'; ' + state.reason if state.reason else ''}"})
-        bus_off = state.controller is ControllerState.BUS_OFF
+        bus_off = state.controller is ErrorState.BUS_OFF
         self.node.bridge.on_bus_state(_BUS_STATES.get(state.controller, 0), bus_off)
         if not state.link_up:
             self.node.bridge.on_send_failed(bus_down=True)

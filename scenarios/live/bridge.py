@@ -18,8 +18,8 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
-from hilbridge.bus.port import PortState
-from hilbridge.bus.spec import BusSpec
+from hilbridge.bus.port.asyncio_port import PortState
+from hilbridge.bus.port.spec import BusSpec
 from hilbridge.config import BusConfig, Config
 from hilbridge.errors import InputError
 from hilbridge.priority import use_realtime_scheduling
@@ -27,14 +27,13 @@ from hilbridge.runtime.assemble import Parts, build_node, meta_row
 from hilbridge.runtime.live import LiveBridge
 from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Codec
-from scenarios.bridge_side import gate_config
-from scenarios.faults import FaultBoard
-from scenarios.intent import bundle, make_predictor
+from scenarios.format.schema import Scenario
 from scenarios.live.port import TappedPort
 from scenarios.live.senses import edge_senses
-from scenarios.schema import Scenario
-from scenarios.sensing import person
-from scenarios.tap import Tap
+from scenarios.world.fault_board import FaultBoard
+from scenarios.world.intent import bundle, gate_config, make_predictor
+from scenarios.world.sensing import person
+from scenarios.world.tap import Tap
 
 
 @dataclass(frozen=True, slots=True)

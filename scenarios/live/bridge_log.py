@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
-from scenarios.bridge_signals import absent_bridge, bridge_signals
-from scenarios.faults import FOREVER_NS
-from scenarios.tracks import Tracks, Value
+from scenarios.signals.bridge import absent_bridge, bridge_signals
+from scenarios.signals.tracks import Tracks, Value
+from scenarios.world.fault_board import FOREVER_NS
 
 MS = 1_000_000
 TICK_NS = 40 * MS

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.probes import DEVICE_AT_REST
-from scenarios.tracks import Value
+from scenarios.signals.device import DEVICE_AT_REST, device_signals
+from scenarios.signals.tracks import Value
 
 MS = 1_000_000
 Column = NDArray[np.float64] | NDArray[np.object_]
@@ -45,21 +45,6 @@ class Ages:
             "device.hold_age_ms": self.hold_since_ms,
             "device.stop_age_ms": self.stop_ms,
         }
-
-
-def device_signals(row: Mapping[str, Any]) -> dict[str, Value]:
-    """What one line says by itself."""
-    return {
-        "device.state": str(row["state"]),
-        "device.reason": str(row["reason"]),
-        "device.armed": bool(row["armed"]),
-        "device.assist_zero": row["assist_nm"] == 0.0,
-        "device.trips": float(row["trips"]),
-        "device.assist_nm": float(row["assist_nm"]),
-        "device.gravity_nm": float(row["gravity_nm"]),
-        "device.angle_deg": float(row["angle_deg"]),
-        "device.velocity_deg_s": float(row["velocity_deg_s"]),
-    }
 
 
 _STRAIGHT = ("device.assist_nm", "device.gravity_nm", "device.angle_deg", "device.velocity_deg_s")

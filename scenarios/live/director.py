@@ -15,23 +15,23 @@ from typing import Any
 
 from firmware_sim.attachment import Attachment, BusUnusable
 from firmware_sim.attachment import parse_spec as device_spec
-from hilbridge.bus.spec import BusSpec
+from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
-from scenarios.bridge_signals import absent_bridge, bridge_signals
-from scenarios.faults import Active, FaultBoard
+from scenarios.format.schema import BusPart, Scenario
+from scenarios.format.vocabulary import fault_kind
 from scenarios.live import intruder
 from scenarios.live.bridge_log import missing_ticks
+from scenarios.live.bus_faults import OF_THE_WIRE, SimulatedWire
 from scenarios.live.device_log import Ages, device_now
 from scenarios.live.happened import Happened
 from scenarios.live.intruder import LiveIntruder
 from scenarios.live.life import AWAY, BridgeLife
 from scenarios.live.processes import DeviceHandle, LiveProcess, await_ready
-from scenarios.live.wire import OF_THE_WIRE, SimulatedWire
 from scenarios.live.world import PUSHING, DeviceWorld
-from scenarios.schema import BusPart, Scenario
-from scenarios.stl import holds_now, signal_names
-from scenarios.tracks import Value
-from scenarios.vocabulary import fault_kind
+from scenarios.signals.bridge import absent_bridge, bridge_signals
+from scenarios.signals.stl import holds_now, signal_names
+from scenarios.signals.tracks import Value
+from scenarios.world.fault_board import Active, FaultBoard
 
 MS = 1_000_000
 _POLL_S = 0.008

@@ -8,20 +8,20 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-from hilbridge.bus.spec import BusSpec
+from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
 from hilbridge.observe.recording import Recording
-from scenarios.figures import gate_figures, zero_after_fault_ms
-from scenarios.judging import FaultCount, Judgement, Result, judged
+from scenarios.format.schema import Expectation, Scenario
 from scenarios.live.bridge_log import put_bridge
 from scenarios.live.device_log import assist_figures, device_columns
 from scenarios.live.director import Director
 from scenarios.live.happened import Happened
-from scenarios.run import Run, initial_values, with_derived
-from scenarios.safety import safety_expectations
-from scenarios.schema import Expectation, Scenario
-from scenarios.signals import Trace
-from scenarios.tracks import Tracks
+from scenarios.signals.trace import Trace
+from scenarios.signals.tracks import Tracks
+from scenarios.verdict.figures import gate_figures, zero_after_fault_ms
+from scenarios.verdict.judging import FaultCount, Judgement, Result, judged
+from scenarios.verdict.outcome import Run, initial_values, with_derived
+from scenarios.verdict.safety import safety_expectations
 
 MS = 1_000_000
 # A live tick may be up to 40 ms late before the bridge itself holds for it, and a live process has 10 ms of margin

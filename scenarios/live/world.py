@@ -6,8 +6,8 @@ import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from scenarios.engine import tremor_torque_nm
-from scenarios.faults import Active, FaultBoard
+from scenarios.world.arm import tremor_torque_nm
+from scenarios.world.fault_board import Active, FaultBoard
 
 # fault -> the command that makes it; what counts is what the device has obeyed
 _LASTING = {"device.sensor_fault": "encoder", "device.actuator_lag": "lag", "device.torque_bias": "bias"}

@@ -35,7 +35,7 @@ _DEVICE = ("test_deadlines.py", "test_latches.py", "test_commands.py", "test_fra
 TARGETS: dict[str, tuple[str, ...]] = {
     "firmware_sim/controller.py": _DEVICE,
     "firmware_sim/receive.py": _DEVICE,
-    "firmware_sim/faults.py": _DEVICE,
+    "firmware_sim/transitions.py": _DEVICE,
     "firmware_sim/watchdogs.py": _DEVICE,
     "firmware_sim/torque.py": ("test_torque_vectors.py", "test_torque.py"),
     "firmware_sim/transmit.py": ("test_transmit.py", "test_node.py", "test_latches.py"),
@@ -47,6 +47,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "hilbridge/core/deadline.py": ("test_session_and_bridge.py",),
     "hilbridge/wire/e2e.py": ("test_codec_and_link.py",),
     "hilbridge/wire/secoc.py": ("test_secoc.py",),
+    "hilbridge/wire/keys.py": ("test_secoc.py",),
 }
 TESTS = ("tests/firmware_sim", "tests/core", "tests/wire", "tests/test_wire_conformance.py")
 QUICK = {

@@ -1,4 +1,4 @@
-"""scenarios.engine: the same run every time, every fault takes effect, and what the catalogue expects holds."""
+"""scenarios.lockstep.engine: the same run every time, every fault takes effect, and what the catalogue expects holds."""
 
 from __future__ import annotations
 
@@ -7,12 +7,12 @@ from pathlib import Path
 import pytest
 
 from scenarios.campaign import Sample, base_scenario, run_sample, samples_of, scenario_for
-from scenarios.collect import collect, unfold
-from scenarios.engine import MS, Lockstep
+from scenarios.format.collect import collect, unfold
+from scenarios.format.schema import Scenario, dump_scenario, load_scenario, scenario_of
+from scenarios.format.vocabulary import FAULTS
+from scenarios.lockstep.engine import MS, Lockstep
+from scenarios.lockstep.run import run_scenario
 from scenarios.minimise import minimise_scenario
-from scenarios.run import run_scenario
-from scenarios.schema import Scenario, dump_scenario, load_scenario, scenario_of
-from scenarios.vocabulary import FAULTS
 from tests.safety.defects import DEFECTS, planted
 
 CATALOG = Path(__file__).parents[2] / "scenarios" / "catalog"

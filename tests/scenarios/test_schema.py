@@ -1,4 +1,4 @@
-"""scenarios.schema: strict, with file, line and the nearest valid name in every refusal."""
+"""scenarios.format.schema: strict, with file, line and the nearest valid name in every refusal."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hilbridge.errors import InputError
-from scenarios.durations import format_duration, parse_duration_ns
-from scenarios.schema import load_scenario, scenario_of
-from scenarios.vocabulary import FAULTS
+from scenarios.format.durations import format_duration, parse_duration_ns
+from scenarios.format.schema import load_scenario, scenario_of
+from scenarios.format.vocabulary import FAULTS
 
 GOOD = """\
 name: gaze cut while assisting

@@ -1,0 +1,40 @@
+"""The bridge's signals, from its 25 Hz rows: one place for virtual time and for live runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from scenarios.signals.tracks import Value
+
+UNKNOWN_AGE_MS = 1e6
+_ABSENT: dict[str, Value] = {
+    "gate.act": False,
+    "gate.verb": "None",
+    "gate.confidence": 0.0,
+    "gate.right": False,
+    "bridge.armed": False,
+    "bridge.sensing_age_ms": UNKNOWN_AGE_MS,
+}
+# Before the first tick.
+BRIDGE_AT_REST: dict[str, Value] = {**_ABSENT, "gate.reason": "none", "wearer.intended": "None"}
+
+
+def bridge_signals(row: Mapping[str, Any]) -> dict[str, Value]:
+    """What a tick's row says; `truth` and `right` come from whoever knows the wearer's mind."""
+    age_ms = row["sensing_age_ms"]
+    return {
+        "gate.act": row["action"] == "ACT",
+        "gate.verb": str(row["verb"]),
+        "gate.reason": str(row["reason"]),
+        "gate.confidence": float(row["confidence"]),
+        "gate.right": row["right"] is True,
+        "bridge.armed": bool(row["armed"]),
+        "bridge.sensing_age_ms": UNKNOWN_AGE_MS if age_ms is None else float(age_ms),
+        "wearer.intended": str(row["truth"]),
+    }
+
+
+def absent_bridge(why: str) -> dict[str, Value]:
+    """A bridge that hangs, stalls or is dead asks for nothing: what it last said must not stand as if it still did."""
+    return {**_ABSENT, "gate.reason": why}
