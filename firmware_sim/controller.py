@@ -10,7 +10,6 @@ from __future__ import annotations
 from copy import copy
 
 from firmware_sim import torque, watchdogs
-from firmware_sim.faults import SELF_TEST_MS, bus_off, command_overdue, disarm, fire, trip
 from firmware_sim.law.filters import track
 from firmware_sim.law.support import support_gone
 from firmware_sim.memory import (
@@ -26,6 +25,7 @@ from firmware_sim.profiles import profile
 from firmware_sim.receive import authorisation_missing, receive
 from firmware_sim.selftest import passed
 from firmware_sim.states import ASSIST, BOOT, ESTOP, PASSIVE, RAMP_DOWN, SELFTEST, TABLE, Event, Reason
+from firmware_sim.transitions import SELF_TEST_MS, bus_off, command_overdue, disarm, fire, trip
 from firmware_sim.transmit import send_cyclic
 
 _NO_FOLLOW = frozenset({BOOT, SELFTEST, PASSIVE})

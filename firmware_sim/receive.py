@@ -7,7 +7,6 @@ verb that is assisted, and the right MAC within 10 ms. An ACT that fails any of 
 from __future__ import annotations
 
 from firmware_sim import e2e, frames, secoc, watchdogs
-from firmware_sim.faults import fire, mac_failed, trip
 from firmware_sim.frames import Reject
 from firmware_sim.memory import (
     COUNT_LOST,
@@ -22,6 +21,7 @@ from firmware_sim.memory import (
 )
 from firmware_sim.profiles import profile
 from firmware_sim.states import Event, Reason, State
+from firmware_sim.transitions import fire, mac_failed, trip
 from firmware_sim.transmit import send
 
 _HOLD_REASON = {

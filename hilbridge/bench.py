@@ -24,8 +24,9 @@ from hilbridge.records import FeatureVector
 from hilbridge.runtime.health import SensorSeen
 from hilbridge.runtime.node import BridgeNode
 from hilbridge.wire.codec import Codec
+from hilbridge.wire.keys import DEMO_KEY
 from hilbridge.wire.link import WireLink
-from hilbridge.wire.secoc import DEMO_KEY, Authenticator
+from hilbridge.wire.secoc import Authenticator
 
 MS = 1_000_000
 
@@ -105,7 +106,7 @@ def _torch_window(bundle: Bundle) -> Callable[[], object]:
 
     torch.set_num_threads(1)  # as the numpy engine runs; more would spin on a loaded machine
 
-    from hilbridge.learning.network import GruNetwork
+    from hilbridge.learning.training.network import GruNetwork
 
     network = GruNetwork(hidden=bundle.weights.hidden_size).eval()
     x, usable = torch.randn(1, bundle.window_steps, D), torch.ones(1, bundle.window_steps)
@@ -170,7 +171,7 @@ def _codec_us(repeats: int) -> tuple[float, float]:
 def _import_s() -> float:
     """Time in which a fresh interpreter gets as far as a running bridge needs, less the bare interpreter's own."""
     times = []
-    for code in ("pass", "import hilbridge.session, hilbridge.runtime.senses"):
+    for code in ("pass", "import hilbridge.run, hilbridge.runtime.senses"):
         begin = time.perf_counter()
         subprocess.run([sys.executable, "-c", code], check=True)
         times.append(time.perf_counter() - begin)

@@ -88,9 +88,9 @@ def run(
     import asyncio
 
     from hilbridge.config import load_config
+    from hilbridge.run import run_bridge
     from hilbridge.runtime.assemble import read_parts
     from hilbridge.runtime.senses import open_senses
-    from hilbridge.session import run_bridge
     from hilbridge.terminal import live_line, print_outcome
 
     settings = load_config(
@@ -169,7 +169,7 @@ def train(
     seed: Annotated[int, typer.Option(min=0)] = 0,
 ) -> None:
     """Train, calibrate and choose thresholds; write one bundle. An interrupted run goes on where it was."""
-    learning = _learning("hilbridge.learning.demo")
+    learning = _learning("hilbridge.learning.training.make_bundle")
     recipe = replace(learning.DEMO_RECIPE, seed=seed)
     try:
         config = learning.TrainConfig(
@@ -187,7 +187,7 @@ def evaluate(
     workers: Annotated[int, typer.Option(min=1, help="processes")] = 2,
 ) -> None:
     """Run experiments E1 to E5 and write one HTML report with tables beside the paper's figures."""
-    evaluation = _learning("hilbridge.learning.evaluate")
+    evaluation = _learning("hilbridge.learning.experiments.evaluate")
     try:
         result = evaluation.evaluate(data, out, workers=workers, say=lambda line: typer.echo(line, err=True))
     except ValueError as error:
@@ -208,7 +208,7 @@ def certify(
     from hilbridge.intent.bundle import demo_bundle_path
     from hilbridge.terminal import counting
 
-    commands = _learning("hilbridge.learning.commands")
+    commands = _learning("hilbridge.learning.certificate.certify_bundle")
     try:
         config = commands.CertifyConfig(
             bundle=bundle or demo_bundle_path(),
@@ -234,7 +234,7 @@ app.add_typer(data_app, name="data")
 @data_app.command("describe")
 def data_describe(path: Annotated[Path, typer.Argument(help="the data set's folder")], as_json: Json = False) -> None:
     """Say what an EGTEA Gaze+ folder holds: annotations, subjects, verbs, gaze files and what is wrong with them."""
-    from hilbridge.learning.describe import describe
+    from hilbridge.learning.data.describe import describe
 
     try:
         summary = describe(path)
@@ -254,7 +254,7 @@ def data_pack(
     """Run gaze and videos through the feature chain once and keep feature_packs/SESSION.npz; what is there is kept."""
     from hilbridge.terminal import counting
 
-    packs = _learning("hilbridge.learning.packs")
+    packs = _learning("hilbridge.learning.data.packs")
     try:
         with counting("sessions", packs.missing(path)) as step:
             made = packs.make_packs(path, hands, step, lambda line: typer.echo(line, err=True))

@@ -153,11 +153,12 @@ def check_realtime() -> Finding:
 async def _hear(spec: str, seconds: float) -> list[Finding]:
     """Listen on a bus without sending, and say who is there."""
     from hilbridge.bus.diagnosis import Severity, diagnose, known_messages, observation_of
-    from hilbridge.bus.port import BusPort
+    from hilbridge.bus.port.asyncio_port import BusPort
     from hilbridge.core.bridge import Bridge, BridgeConfig
     from hilbridge.wire.codec import Codec, Decoded
+    from hilbridge.wire.keys import DEMO_KEY
     from hilbridge.wire.link import WireLink
-    from hilbridge.wire.secoc import DEMO_KEY, Authenticator
+    from hilbridge.wire.secoc import Authenticator
 
     wire = WireLink(Codec())
     listener = Bridge(wire, Authenticator(DEMO_KEY), lambda: 0, BridgeConfig(arm=False, listen_only=True), dict)

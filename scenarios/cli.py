@@ -34,7 +34,7 @@ Seed = Annotated[int | None, typer.Option(min=0, help="in place of the scenario'
 @app.command("list")
 def list_scenarios(paths: Paths, as_json: Json = False) -> None:
     """What the scenarios are about, one line each."""
-    from scenarios.collect import collect
+    from scenarios.format.collect import collect
 
     found = [(path, scenario) for path, scenario in collect(paths)]
     if as_json:
@@ -51,7 +51,7 @@ def list_scenarios(paths: Paths, as_json: Json = False) -> None:
 @app.command()
 def faults() -> None:
     """The vocabulary: every fault with its options, defaults and limits."""
-    from scenarios.vocabulary import FAULTS
+    from scenarios.format.vocabulary import FAULTS
 
     for name, kind in sorted(FAULTS.items()):
         typer.echo(f"{name:<22} {kind.about}{' (an instant)' if kind.instant else ''}")
@@ -62,7 +62,7 @@ def faults() -> None:
 @app.command()
 def schema() -> None:
     """The JSON schema of the format, for editors (`# yaml-language-server: $schema=...`)."""
-    from scenarios.schema import Scenario
+    from scenarios.format.schema import Scenario
 
     typer.echo(json.dumps(Scenario.model_json_schema(), indent=2))
 
@@ -79,7 +79,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run scenarios and judge them; exit 1 when one fails, 2 for input that cannot be used."""
-    from scenarios.collect import collect
+    from scenarios.format.collect import collect
     from scenarios.live.possible import live_bus
     from scenarios.runner import RunOptions, run_all, sort_out
     from scenarios.terminal import print_results, progress_bar
@@ -121,7 +121,7 @@ def campaign(
 ) -> None:
     """Strike every fault at many instants in every gate state; rank by how near each run came to hurting somebody."""
     from scenarios.campaign import run_campaign, samples_of
-    from scenarios.schema import load_scenario
+    from scenarios.format.schema import load_scenario
     from scenarios.terminal import print_campaign, progress_bar
 
     scenario = load_scenario(base)
@@ -145,8 +145,8 @@ def minimise(
     seed: Seed = None,
 ) -> None:
     """Shrink a failing scenario: fewer faults, shorter, simpler, as long as it still fails in the same way."""
+    from scenarios.format.schema import dump_scenario, load_scenario, reseeded
     from scenarios.minimise import minimise_scenario
-    from scenarios.schema import dump_scenario, load_scenario, reseeded
 
     scenario = reseeded(load_scenario(path), seed)
     smaller = minimise_scenario(scenario, say=lambda line: typer.echo(line, err=True))
@@ -161,7 +161,7 @@ def compile_(
 ) -> None:
     """Compile the simulated device (mypyc, a C compiler, some minutes): the same bytes in less time."""
     from hilbridge.terminal import status
-    from scenarios.compiled import compile_device
+    from scenarios.lockstep.compiled import compile_device
 
     with status("compiling the simulated device", quiet=False):
         made = compile_device(out)

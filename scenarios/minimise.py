@@ -10,9 +10,9 @@ from collections.abc import Callable
 from typing import Any
 
 from hilbridge.errors import InputError
-from scenarios.run import run_scenario
-from scenarios.schema import Scenario, Step, dump_scenario
-from scenarios.vocabulary import FAULTS
+from scenarios.format.schema import Scenario, Step, dump_scenario
+from scenarios.format.vocabulary import FAULTS
+from scenarios.lockstep.run import run_scenario
 
 _SHORTEST_NS = 500_000_000
 

@@ -11,14 +11,14 @@ from pathlib import Path
 
 import joblib
 
-from hilbridge.bus.spec import BusSpec
+from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
-from scenarios.judging import Result, Skipped
-from scenarios.junit import write_junit
+from scenarios.format.schema import Scenario, line_of, reseeded
 from scenarios.live.possible import impossible_live
 from scenarios.live.run import run_live
-from scenarios.run import run_scenario
-from scenarios.schema import Scenario, line_of, reseeded
+from scenarios.lockstep.run import run_scenario
+from scenarios.verdict.judging import Result, Skipped
+from scenarios.verdict.junit import write_junit
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,7 +96,7 @@ def _run_one(path: Path, scenario: Scenario, options: RunOptions) -> Result | In
     replay = shlex.join(["hilscenario", "run", str(path), "--seed", str(scenario.seed), *live])
     page = ""
     if folder is not None:
-        from scenarios.page import write_page
+        from scenarios.verdict.page import write_page
 
         page = str(write_page(run, folder / f"{name}.html"))
     result: Result = replace(run.result, replay=replay, page=page)

@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
-from scenarios.compiled import is_compiled
-from scenarios.judging import Result, Skipped
+from scenarios.lockstep.compiled import is_compiled
+from scenarios.verdict.judging import Result, Skipped
 
 if TYPE_CHECKING:
     from scenarios.campaign import Outcome

@@ -14,8 +14,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-from hilbridge.bus.bits import INTERMISSION_BITS, frame_length
-from hilbridge.bus.frames import WireFrame, arbitration_key
+from hilbridge.bus.model.bits import INTERMISSION_BITS, frame_length
+from hilbridge.bus.model.frames import WireFrame, arbitration_key
 from hilbridge.errors import InputError
 
 NS_PER_MS = 1_000_000

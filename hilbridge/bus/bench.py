@@ -10,14 +10,14 @@ import uuid
 
 import can
 
-from hilbridge.bus.client import BusClient
-from hilbridge.bus.frames import WireFrame
-from hilbridge.bus.simulated import Network, SimulatedBus
+from hilbridge.bus.model.frames import WireFrame
+from hilbridge.bus.simulated.client import BusClient
+from hilbridge.bus.simulated.interface import Network, SimulatedBus
 
 _ECHO = (
     "import sys\n"
-    "from hilbridge.bus.client import BusClient\n"
-    "from hilbridge.bus.frames import WireFrame\n"
+    "from hilbridge.bus.simulated.client import BusClient\n"
+    "from hilbridge.bus.model.frames import WireFrame\n"
     "client = BusClient(sys.argv[1])\n"
     "print('ready', flush=True)\n"
     "while client.wait_readable(20.0):\n"

@@ -16,9 +16,9 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hilbridge.bus.error_frames import CLASS_BUS_ERROR, CLASS_PROTOCOL, ControllerState, read_error_frame
-from hilbridge.bus.netlink import LinkInfo, read_link
-from hilbridge.bus.port import BusPort
+from hilbridge.bus.model.error_frames import CLASS_BUS_ERROR, CLASS_PROTOCOL, ErrorState, read_error_frame
+from hilbridge.bus.port.asyncio_port import BusPort
+from hilbridge.bus.port.netlink import LinkInfo, read_link
 from hilbridge.errors import InputError
 from hilbridge.records import Frame
 
@@ -162,28 +162,26 @@ def _link(seen: Observation, bitrate: int) -> list[BusFinding]:
     return findings
 
 
-def _state(seen: Observation) -> ControllerState:
+def _state(seen: Observation) -> ErrorState:
     """The controller's state: what the kernel says, else what the last error frame said."""
     if seen.link is not None and seen.link.state is not None:
-        if seen.link.state in list(ControllerState):
-            return ControllerState(seen.link.state)
-        return ControllerState.UNKNOWN
+        if seen.link.state in list(ErrorState):
+            return ErrorState(seen.link.state)
+        return ErrorState.UNKNOWN
     told = [read_error_frame(frame.can_id, frame.data).controller for frame in seen.errors]
-    return next((state for state in reversed(told) if state is not None), ControllerState.UNKNOWN)
+    return next((state for state in reversed(told) if state is not None), ErrorState.UNKNOWN)
 
 
 def _controller(seen: Observation) -> list[BusFinding]:
     state, link = _state(seen), seen.link
     counters = "" if link is None or link.tx_errors is None else f" (TEC {link.tx_errors}, REC {link.rx_errors})"
-    was_off = any(
-        read_error_frame(frame.can_id, frame.data).controller is ControllerState.BUS_OFF for frame in seen.errors
-    )
-    if state is ControllerState.BUS_OFF or was_off:
+    was_off = any(read_error_frame(frame.can_id, frame.data).controller is ErrorState.BUS_OFF for frame in seen.errors)
+    if state is ErrorState.BUS_OFF or was_off:
         name = seen.interface or seen.spec
-        text = f"the controller {'is' if state is ControllerState.BUS_OFF else 'was'} bus-off{counters}: what it sent failed"
+        text = f"the controller {'is' if state is ErrorState.BUS_OFF else 'was'} bus-off{counters}: what it sent failed"
         cure = f"check bit rate, wires and termination, then: sudo ip link set {name} type can restart"
         return [BusFinding("controller", Severity.ILL, text, cure)]
-    if state in (ControllerState.PASSIVE, ControllerState.WARNING):
+    if state in (ErrorState.PASSIVE, ErrorState.WARNING):
         return [
             BusFinding("controller", Severity.NOTE, f"{state}{counters}: many errors lately", "see the findings below")
         ]
@@ -196,7 +194,7 @@ def _traffic(seen: Observation, bitrate: int) -> list[BusFinding]:
     events = [read_error_frame(frame.can_id, frame.data) for frame in errors]
     broken = sum(bool(frame.can_id & (CLASS_PROTOCOL | CLASS_BUS_ERROR)) for frame in errors)
     unacknowledged = sum(event.no_ack for event in events)
-    passive = _state(seen) in (ControllerState.PASSIVE, ControllerState.BUS_OFF)
+    passive = _state(seen) in (ErrorState.PASSIVE, ErrorState.BUS_OFF)
     receive_errors = (seen.link.rx_errors or 0) if seen.link is not None else 0
     heard = f"{len(good)} frames in {seen.seconds:.1f} s"
     if unacknowledged and not good:

@@ -2,7 +2,7 @@
 
 Temperature rescales the whole vector, isotonic maps the top probability to the chance of being right, both fitted anew for
 each set of valid modalities (a network without hands is wrong more often than it thinks); Platt maps the top logit. None
-of them ever changes the label. Fitting is offline, in `hilbridge.learning.fit`.
+of them ever changes the label. Fitting is offline, in `hilbridge.learning.training.fit`.
 """
 
 from __future__ import annotations

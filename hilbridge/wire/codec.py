@@ -9,48 +9,14 @@ offset are.
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import cantools
 
-from hilbridge.errors import InputError
 from hilbridge.records import Frame
-
-Value = int | float | str
-HEADER_BITS = 0xFFFFFF  # CRC and counter belong to hilbridge.wire.e2e
-
-# What the bridge cannot work without, and the signals it reads or writes.
-REQUIRED: dict[str, tuple[str, ...]] = {
-    "STOP": (),
-    "CTRL_EMCY": ("Code", "State", "Latched", "Count"),
-    "ACT_CMD": ("Gate", "Verb", "Confidence", "Session", "Echo", "SensingAge"),
-    "ACT_AUTH": ("Freshness", "Mac"),
-    "CTRL_STATUS": (
-        "State",
-        "Reason",
-        "AppliedVerb",
-        "Authority",
-        "AcceptedCounter",
-        "Session",
-        "Armed",
-        "AssistZero",
-    ),
-    "CTRL_MEAS": ("Joint", "Angle", "Velocity", "AssistTorque", "GravityTorque"),
-    "BRIDGE_HB": ("SensorValid", "BridgeState", "Overruns", "BundleId", "ProtocolVersion"),
-    "CTRL_HB": ("ProtocolVersion", "BootNonce"),
-    "ARM_REQUEST": ("BridgeNonce", "Purpose"),
-    "ARM_CHALLENGE": ("DeviceNonce", "Session"),
-    "ARM_RESPONSE": ("Mac", "Session"),
-    "BRIDGE_DIAG": ("Index",),
-    "CTRL_DIAG": ("Index",),
-}
-
-
-class DbcError(InputError):
-    """The DBC cannot be used; the message is one line naming the file, the message and the cure."""
+from hilbridge.wire.dbc import REQUIRED, DbcError, Message, Value, default_dbc_path, read_message
 
 
 class RejectReason(StrEnum):
@@ -86,178 +52,6 @@ class Rejected(NamedTuple):
     frame: Frame
 
 
-@dataclass(frozen=True, slots=True)
-class Signal:
-    """One signal of the DBC as integers: raw = bits [start, start + bits), physical = raw * scale + offset."""
-
-    name: str
-    start: int
-    bits: int
-    is_signed: bool
-    scale: int | float
-    offset: int | float
-    lowest: int
-    highest: int
-    names: Mapping[int, str] | None
-    codes: Mapping[str, int] | None
-    start_value: int
-
-    def raw(self, word: int) -> int:
-        """Raw value out of the frame as one little-endian integer."""
-        value = (word >> self.start) & ((1 << self.bits) - 1)
-        return value - (1 << self.bits) if self.is_signed and value >> (self.bits - 1) else value
-
-    def to_raw(self, value: Value) -> int:
-        """Raw value of a physical value or name. Raises ValueError where the DBC has none."""
-        if isinstance(value, str):
-            if self.codes is None or value not in self.codes:
-                raise ValueError(f"{self.name} = {value!r}: not in the value table of the DBC")
-            return self.codes[value]
-        raw = value if self.scale == 1 and self.offset == 0 else (value - self.offset) / self.scale
-        raw = round(raw)
-        if not self.lowest <= raw <= self.highest or (self.names is not None and raw not in self.names):
-            raise ValueError(f"{self.name} = {value}: outside what the DBC allows")
-        return raw
-
-
-class Reading(NamedTuple):
-    """How decoding takes one signal out of a frame: what it needs of a `Signal`, worked out before and in its order."""
-
-    name: str
-    start: int
-    mask: int
-    sign: int  # the bit that makes the raw value negative, 0 where there is none
-    names: Mapping[int, str] | None
-    lowest: int
-    highest: int
-    scale: int | float
-    offset: int | float
-
-
-class Content(NamedTuple):
-    """What a frame of a message, or of one of its multiplexer values, may hold."""
-
-    reserved_bits: int
-    readings: tuple[Reading, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Message:
-    """One message of the DBC. `groups` has the signals of each multiplexer value, `contents` what decoding makes of it
-    (under None: without multiplexer).
-    """
-
-    name: str
-    can_id: int
-    length: int
-    senders: frozenset[str]
-    cycle_ms: int
-    timeout_ms: int
-    data_id: int | None
-    max_delta: int
-    signals: tuple[Signal, ...]
-    multiplexer: Signal | None
-    groups: Mapping[int, tuple[Signal, ...]]
-    contents: Mapping[int | None, Content]
-
-
-def default_dbc_path() -> Path:
-    """The shipped DBC: beside this file in an installed package, in dbc/ in a checkout."""
-    beside = Path(__file__).with_name("iassistadl.dbc")
-    return beside if beside.is_file() else Path(__file__).parents[2] / "dbc" / "iassistadl.dbc"
-
-
-def _signal(signal: Any) -> Signal:
-    low = -(1 << (signal.length - 1)) if signal.is_signed else 0
-    high = (1 << (signal.length - (1 if signal.is_signed else 0))) - 1
-    scale, offset = signal.scale, signal.offset
-    if signal.minimum is not None:
-        low = max(low, round((signal.minimum - offset) / scale))
-    if signal.maximum is not None:
-        high = min(high, round((signal.maximum - offset) / scale))
-    attributes = signal.dbc.attributes if signal.dbc else {}
-    enumerated = "Enumerated" in attributes and attributes["Enumerated"].value == 1
-    choices = {int(code): str(name) for code, name in (signal.choices or {}).items()}
-    start = attributes["GenSigStartValue"].value if "GenSigStartValue" in attributes else 0
-    return Signal(
-        signal.name,
-        signal.start,
-        signal.length,
-        bool(signal.is_signed),
-        int(scale) if float(scale).is_integer() else scale,
-        int(offset) if float(offset).is_integer() else offset,
-        low,
-        high,
-        choices if enumerated else None,
-        {name: code for code, name in choices.items()} if choices else None,
-        int(start),
-    )
-
-
-def _content(signals: tuple[Signal, ...], length: int, header_bits: int) -> Content:
-    used = header_bits
-    readings = []
-    for signal in signals:
-        mask = (1 << signal.bits) - 1
-        used |= mask << signal.start
-        sign = 1 << (signal.bits - 1) if signal.is_signed else 0
-        readings.append(
-            Reading(
-                signal.name,
-                signal.start,
-                mask,
-                sign,
-                signal.names,
-                signal.lowest,
-                signal.highest,
-                signal.scale,
-                signal.offset,
-            )
-        )
-    return Content(((1 << 8 * length) - 1) & ~used, tuple(readings))
-
-
-def _message(message: Any, path: Path) -> Message:
-    attributes = {name: entry.value for name, entry in (message.dbc.attributes or {}).items()}
-    if any(signal.byte_order != "little_endian" for signal in message.signals):
-        raise DbcError(f"{path}: message {message.name} has big-endian signals; make them little endian (@1)")
-    header = [(s.start, s.length) for s in message.signals if s.name in ("CRC", "Counter")]
-    protected = "E2EDataId" in attributes
-    if protected and (message.length != 8 or sorted(header) != [(0, 16), (16, 8)]):
-        raise DbcError(
-            f"{path}: message {message.name} cannot carry E2E profile 5: 8 bytes, CRC at bit 0, Counter at 16"
-        )
-    made = {s.name: _signal(s) for s in message.signals if s.name not in ("CRC", "Counter")}
-    multiplexers = [s for s in message.signals if s.is_multiplexer]
-    if len(multiplexers) > 1:
-        raise DbcError(f"{path}: message {message.name} has nested multiplexers; use one")
-    always = tuple(made[s.name] for s in message.signals if s.name in made and s.multiplexer_ids is None)
-    groups: dict[int, tuple[Signal, ...]] = {}
-    for signal in message.signals:
-        for value in signal.multiplexer_ids or ():
-            groups[value] = (*groups.get(value, ()), made[signal.name])
-    header_bits = HEADER_BITS if protected else 0
-    contents: dict[int | None, Content] = {}
-    if not multiplexers:
-        contents[None] = _content(always, message.length, header_bits)
-    for value, group in groups.items():
-        contents[value] = _content(always + group, message.length, header_bits)
-    return Message(
-        message.name,
-        message.frame_id,
-        message.length,
-        frozenset(message.senders),
-        int(message.cycle_time or 0),
-        int(attributes.get("RxTimeoutMs", 0)),
-        int(attributes["E2EDataId"]) if protected else None,
-        int(attributes.get("E2EMaxDeltaCounter", 1)),
-        always,
-        made[multiplexers[0].name] if multiplexers else None,
-        groups,
-        contents,
-    )
-
-
 class Codec:
     """The DBC as tables. `messages` by name, `by_id` by identifier."""
 
@@ -273,7 +67,7 @@ class Codec:
         except Exception as error:  # cantools raises whatever its parser meets
             first_line = (str(error).splitlines() or [type(error).__name__])[0]
             raise DbcError(f"{self.path}: not a DBC file that can be read ({first_line})") from None
-        self.messages = {message.name: _message(message, self.path) for message in database.messages}
+        self.messages = {message.name: read_message(message, self.path) for message in database.messages}
         self.by_id = {message.can_id: message for message in self.messages.values()}
         cure = f"restore it from {default_dbc_path().name} as shipped"
         for name, signals in REQUIRED.items():

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from hilbridge.records import Frame
-from hilbridge.wire.codec import Codec, Decoded, Message, Rejected, RejectReason, Value
+from hilbridge.wire.codec import Codec, Decoded, Rejected, RejectReason
+from hilbridge.wire.dbc import Message, Value
 from hilbridge.wire.e2e import CheckStatus, MachineState, ReceiverState, check, protect
 
 _REJECTS = {

@@ -7,8 +7,8 @@ from collections import deque
 
 from firmware_sim import frames as layout
 from firmware_sim.attachment import Attachment, Spec
-from scenarios.faults import Active
-from scenarios.intruder import Forger
+from scenarios.world.fault_board import Active
+from scenarios.world.forger import Forger
 
 MS = 1_000_000
 _REMEMBERED = 4096

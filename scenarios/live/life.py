@@ -5,10 +5,10 @@ from __future__ import annotations
 import signal
 from pathlib import Path
 
-from hilbridge.bus.spec import BusSpec
+from hilbridge.bus.port.spec import BusSpec
+from scenarios.format.schema import Scenario
 from scenarios.live.bridge import Job, Order
 from scenarios.live.processes import BridgeHandle
-from scenarios.schema import Scenario
 
 # What a bridge is while one of these is under way, or since.
 AWAY = {"bridge.hang": "hung", "bridge.stall": "stalled", "bridge.kill": "dead", "bridge.restart": "dead"}

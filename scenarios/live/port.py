@@ -7,10 +7,10 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from hilbridge.bus.port import BusPort, PortState, SendResult
-from hilbridge.bus.spec import BusSpec
+from hilbridge.bus.port.asyncio_port import BusPort, PortState, SendResult
+from hilbridge.bus.port.spec import BusSpec
 from hilbridge.records import Frame
-from scenarios.tap import Tap
+from scenarios.world.tap import Tap
 
 _SOON_S = 0.001
 

@@ -6,9 +6,9 @@ import sys
 from typing import NamedTuple
 
 from firmware_sim.attachment import parse_spec as device_spec
-from hilbridge.bus.spec import BusSpec, parse_spec
+from hilbridge.bus.port.spec import BusSpec, parse_spec
 from hilbridge.errors import InputError
-from scenarios.schema import BusPart, DevicePart, Scenario, Session
+from scenarios.format.schema import BusPart, DevicePart, Scenario, Session
 
 # A wire that can be broken or full: the simulated bus's own. A kernel's vcan has none.
 _OF_THE_WIRE = ("bus.cut", "bus.bus_off", "bus.babble")

@@ -20,7 +20,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from hilbridge.bus.spec import BusSpec
+from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
 from scenarios.live import bridge
 from scenarios.live.bridge import Job, Order

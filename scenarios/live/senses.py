@@ -12,9 +12,9 @@ from hilbridge.config import SensorsConfig
 from hilbridge.records import CameraFrame, GazeSample, HandTracks
 from hilbridge.runtime.senses import Senses
 from hilbridge.sensors.source import Source
-from scenarios.faults import FaultBoard
-from scenarios.schema import Scenario
-from scenarios.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, Body, SensorEdge, detected, edges
+from scenarios.format.schema import Scenario
+from scenarios.world.fault_board import FaultBoard
+from scenarios.world.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, Body, SensorEdge, detected, edges
 
 T = TypeVar("T", CameraFrame, GazeSample)
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 import typer  # noqa: F401
 
 import firmware_sim.node
-from scenarios.intent import bundle
 from scenarios.live.bridge import codec
+from scenarios.world.intent import bundle
 
 assert firmware_sim.node
 bundle()

@@ -19,10 +19,10 @@ from hilbridge.bus.analysis import (
     with_exact_bits,
     worst_frame_bits,
 )
-from hilbridge.bus.bits import INTERMISSION_BITS
-from hilbridge.bus.events import Delivered
-from hilbridge.bus.frames import WireFrame
-from hilbridge.bus.medium import Medium
+from hilbridge.bus.model.bits import INTERMISSION_BITS
+from hilbridge.bus.model.events import Delivered
+from hilbridge.bus.model.frames import WireFrame
+from hilbridge.bus.model.medium import Medium
 from hilbridge.errors import InputError
 
 DBC = Path(__file__).parents[2] / "dbc" / "iassistadl.dbc"

@@ -6,10 +6,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hilbridge.bus.attempt import Party, run_attempt
-from hilbridge.bus.bits import encode
-from hilbridge.bus.error_frames import ErrorKind
-from hilbridge.bus.frames import DLC_LENGTHS, WireFrame
+from hilbridge.bus.model.attempt import Party, run_attempt
+from hilbridge.bus.model.bits import encode
+from hilbridge.bus.model.error_frames import ErrorKind
+from hilbridge.bus.model.frames import DLC_LENGTHS, WireFrame
 
 SENDER, ONE, TWO = 1, 2, 3
 FRAME = encode(WireFrame(0x2AA, b"\x5a\xa5"))  # few stuff bits

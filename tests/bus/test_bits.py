@@ -7,7 +7,7 @@ from crccheck.crc import Crc15Can, Crc17CanFd, Crc21CanFd
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hilbridge.bus.bits import (
+from hilbridge.bus.model.bits import (
     CRC15_POLY,
     CRC17_POLY,
     CRC21_POLY,
@@ -17,7 +17,7 @@ from hilbridge.bus.bits import (
     encode,
     frame_length,
 )
-from hilbridge.bus.frames import DLC_LENGTHS, FrameFault, WireFrame, arbitration_key, frame_fault
+from hilbridge.bus.model.frames import DLC_LENGTHS, FrameFault, WireFrame, arbitration_key, frame_fault
 
 LUMPY = st.sampled_from([0x00, 0xFF, 0xF8, 0x07, 0x0F, 0x78]) | st.integers(0, 255)
 

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from hilbridge.bus.confinement import Confinement
-from hilbridge.bus.error_frames import ControllerState
-from hilbridge.bus.events import Delivered, Enqueued, Event, FrameLost, StateChanged
-from hilbridge.bus.frames import WireFrame
-from hilbridge.bus.medium import Medium
-from hilbridge.bus.wire_faults import Corruption, Where, WireFaults
+from hilbridge.bus.model.confinement import Confinement
+from hilbridge.bus.model.error_frames import ErrorState
+from hilbridge.bus.model.events import Delivered, Enqueued, Event, FrameLost, StateChanged
+from hilbridge.bus.model.faults import Corruption, Where, WireFaults
+from hilbridge.bus.model.frames import WireFrame
+from hilbridge.bus.model.medium import Medium
 
 BIT_NS = 2_000
 SECOND_NS = 1_000_000_000
 FRAME = WireFrame(0x100, b"\x12\x34")
 
 
-def changes(events: list[Event]) -> list[tuple[int, ControllerState, int, int]]:
+def changes(events: list[Event]) -> list[tuple[int, ErrorState, int, int]]:
     return [(e.node, e.state, e.tec, e.rec) for e in events if isinstance(e, StateChanged)]
 
 
@@ -26,10 +26,10 @@ def test_a_transmitter_goes_through_warning_and_passive_to_bus_off_at_96_128_and
     events = medium.advance(SECOND_NS)
     mine = [change for change in changes(events) if change[0] == sender]
     assert mine == [
-        (sender, ControllerState.WARNING, 96, 0),
-        (sender, ControllerState.PASSIVE, 128, 0),
-        (sender, ControllerState.BUS_OFF, 256, 0),
-        (sender, ControllerState.ACTIVE, 0, 0),
+        (sender, ErrorState.WARNING, 96, 0),
+        (sender, ErrorState.PASSIVE, 128, 0),
+        (sender, ErrorState.BUS_OFF, 256, 0),
+        (sender, ErrorState.ACTIVE, 0, 0),
     ]
     assert medium.node(sender).failures == 32
     assert [(e.tag, e.reason) for e in events if isinstance(e, FrameLost)] == [
@@ -55,10 +55,10 @@ def test_a_node_that_is_bus_off_takes_no_part() -> None:
     medium.send(other, FRAME, 3, SECOND_NS)
     events = medium.advance(2 * SECOND_NS)
     assert [e.receivers for e in events if isinstance(e, Delivered)] == [(third,)]
-    assert medium.node(sender).state is ControllerState.BUS_OFF
+    assert medium.node(sender).state is ErrorState.BUS_OFF
     medium.recover(sender)
     back = medium.advance(3 * SECOND_NS)
-    assert changes(back) == [(sender, ControllerState.ACTIVE, 0, 0)]
+    assert changes(back) == [(sender, ErrorState.ACTIVE, 0, 0)]
 
 
 def test_recovery_among_traffic_counts_one_sequence_a_frame_and_the_idle_time_between() -> None:
@@ -86,9 +86,9 @@ def test_a_receiver_goes_passive_by_its_own_errors_and_returns_to_119() -> None:
     events = medium.advance(SECOND_NS)
     # Nine for each error that it saw first (rules a and b): 11 make 99, 15 make 135.
     assert [change for change in changes(events) if change[0] == noisy] == [
-        (noisy, ControllerState.WARNING, 0, 99),
-        (noisy, ControllerState.PASSIVE, 0, 135),
-        (noisy, ControllerState.WARNING, 0, 119),
+        (noisy, ErrorState.WARNING, 0, 99),
+        (noisy, ErrorState.PASSIVE, 0, 135),
+        (noisy, ErrorState.WARNING, 0, 119),
     ]
     assert medium.node(noisy).confinement.rec == 118  # two good frames: to 119, then one less
     assert medium.node(quiet).confinement.rec == 15 - 2
@@ -126,14 +126,14 @@ def test_counting_rules_alone() -> None:
     assert (node.tec, node.rec) == (0, 0)
     for _ in range(16):
         node.transmit_error(unacknowledged=True)
-    assert (node.tec, node.state) == (128, ControllerState.PASSIVE)
+    assert (node.tec, node.state) == (128, ErrorState.PASSIVE)
     node.transmit_error(unacknowledged=True)
     assert node.tec == 128
     node.transmit_error()
     assert node.tec == 136
     for _ in range(9):
         node.transmitted()
-    assert (node.tec, node.state) == (127, ControllerState.WARNING)
+    assert (node.tec, node.state) == (127, ErrorState.WARNING)
     for _ in range(60):
         node.receive_error(dominant_after_flag=True)
     assert node.rec == 255

@@ -10,12 +10,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hilbridge.bus.client import BusClient
-from hilbridge.bus.control import answer, faults_from_json
-from hilbridge.bus.error_frames import ControllerState
-from hilbridge.bus.frames import WireFrame
-from hilbridge.bus.medium import Medium
-from hilbridge.bus.wire_faults import Babble, Corruption, QueueStall, Where, WireCut
+from hilbridge.bus.model.error_frames import ErrorState
+from hilbridge.bus.model.faults import Babble, Corruption, QueueStall, Where, WireCut
+from hilbridge.bus.model.frames import WireFrame
+from hilbridge.bus.model.medium import Medium
+from hilbridge.bus.simulated.client import BusClient
+from hilbridge.bus.simulated.control import answer, faults_from_json
 
 WAIT_S = 20.0
 
@@ -91,7 +91,7 @@ def test_a_fault_put_into_a_running_bus_shows_at_both_ends() -> None:
         assert status["fault_effects"] == {"corruption": 32}
         assert status["busy_ns"] > 0
         sender.refresh()
-        assert (sender.state, sender.refused, sender.in_flight) == (ControllerState.ACTIVE, 1, 0)
+        assert (sender.state, sender.refused, sender.in_flight) == (ErrorState.ACTIVE, 1, 0)
         sender.send(WireFrame(0x101))
         assert receiver.wait_readable(WAIT_S)
         arrival = receiver.receive()

@@ -10,8 +10,8 @@ import can
 import pytest
 
 from hilbridge.bus.diagnosis import BusFinding, Observation, Severity, diagnose, known_messages, observe
-from hilbridge.bus.error_frames import ControllerState, ErrorKind, write_error_frame
-from hilbridge.bus.netlink import LinkInfo
+from hilbridge.bus.model.error_frames import ErrorKind, ErrorState, write_error_frame
+from hilbridge.bus.port.netlink import LinkInfo
 from hilbridge.errors import InputError
 from hilbridge.records import Frame
 
@@ -29,7 +29,7 @@ def status(count: int, *, cycle_ms: float = 20.0, start: int = 0) -> list[Frame]
     ]
 
 
-def error(kind: ErrorKind | None = None, state: ControllerState | None = None, tec: int = 0, rec: int = 0) -> Frame:
+def error(kind: ErrorKind | None = None, state: ErrorState | None = None, tec: int = 0, rec: int = 0) -> Frame:
     classes, data = write_error_frame(state, tec, rec, kind=kind)
     return Frame(classes, data, is_error=True)
 
@@ -65,7 +65,7 @@ def test_an_interface_set_to_another_bit_rate_than_the_dbc() -> None:
     [
         ([error(ErrorKind.STUFF)] * 40, CAN0),
         ([error(ErrorKind.FORM)] * 5, replace(CAN0, state="error-passive", rx_errors=135)),
-        ([error(state=ControllerState.PASSIVE, rec=135)], None),
+        ([error(state=ErrorState.PASSIVE, rec=135)], None),
         ([], replace(CAN0, state="error-warning", rx_errors=110)),
     ],
 )
@@ -89,7 +89,7 @@ def test_bus_off_now_or_lately() -> None:
     assert now["controller"].severity is Severity.ILL
     assert "is bus-off (TEC 248" in now["controller"].text
     assert "restart" in now["controller"].cure
-    lately = findings([*status(50), error(state=ControllerState.BUS_OFF)])
+    lately = findings([*status(50), error(state=ErrorState.BUS_OFF)])
     assert "was bus-off" in lately["controller"].text
 
 

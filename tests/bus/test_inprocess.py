@@ -5,13 +5,13 @@ from __future__ import annotations
 import can
 import pytest
 
-from hilbridge.bus.bits import frame_length
-from hilbridge.bus.error_frames import CLASS_BUS_OFF, CLASS_NO_ACK, ControllerState, read_error_frame
-from hilbridge.bus.frames import WireFrame
-from hilbridge.bus.inprocess import Network, VirtualClock
-from hilbridge.bus.medium import Medium
-from hilbridge.bus.simulated import SimulatedBus
-from hilbridge.bus.wire_faults import Corruption, WireFaults
+from hilbridge.bus.model.bits import frame_length
+from hilbridge.bus.model.error_frames import CLASS_BUS_OFF, CLASS_NO_ACK, ErrorState, read_error_frame
+from hilbridge.bus.model.faults import Corruption, WireFaults
+from hilbridge.bus.model.frames import WireFrame
+from hilbridge.bus.model.medium import Medium
+from hilbridge.bus.simulated.interface import SimulatedBus
+from hilbridge.bus.simulated.network import Network, VirtualClock
 
 
 def message(can_id: int, data: bytes = b"", **more: bool) -> can.Message:
@@ -86,7 +86,7 @@ def test_a_lone_sender_learns_of_missing_acknowledgements_by_error_frames() -> N
         assert all(m.is_error_frame for m in frames)
         assert all(m.arbitration_id & CLASS_NO_ACK for m in frames if not m.data[1])
         states = [read_error_frame(m.arbitration_id, bytes(m.data)).controller for m in frames]
-        assert [state for state in states if state] == [ControllerState.WARNING, ControllerState.PASSIVE]
+        assert [state for state in states if state] == [ErrorState.WARNING, ErrorState.PASSIVE]
         assert lone.state is can.BusState.PASSIVE
         with SimulatedBus(network) as helper:
             got = helper.recv(0.1)
@@ -109,7 +109,7 @@ def test_bus_off_is_told_refuses_frames_and_ends_where_asked() -> None:
         assert one.recv(0.002) is None  # 128 times eleven bits at 500 kbit/s take 2.8 ms
         back = one.recv(0.002)
         assert back is not None
-        assert read_error_frame(back.arbitration_id, bytes(back.data)).controller is ControllerState.ACTIVE
+        assert read_error_frame(back.arbitration_id, bytes(back.data)).controller is ErrorState.ACTIVE
         one.send(message(0x101))
         got = other.recv(1.0)
         assert got is not None
@@ -152,10 +152,10 @@ def test_a_station_knows_the_state_of_its_chip_through_bus_off_and_back() -> Non
         if sender.state is not seen[-1]:
             seen.append(sender.state)
     active, warning, passive, off = (
-        ControllerState.ACTIVE,
-        ControllerState.WARNING,
-        ControllerState.PASSIVE,
-        ControllerState.BUS_OFF,
+        ErrorState.ACTIVE,
+        ErrorState.WARNING,
+        ErrorState.PASSIVE,
+        ErrorState.BUS_OFF,
     )
     assert seen == [active, warning, passive, off, active]
 

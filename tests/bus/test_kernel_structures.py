@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hilbridge.bus.error_frames import ControllerState, ErrorKind, read_error_frame, write_error_frame
-from hilbridge.bus.netlink import parse_link, read_link, request
-from hilbridge.bus.socketcan import pack_can_frame, parse_can_frame
+from hilbridge.bus.model.error_frames import ErrorKind, ErrorState, read_error_frame, write_error_frame
+from hilbridge.bus.port.netlink import parse_link, read_link, request
+from hilbridge.bus.port.socketcan import pack_can_frame, parse_can_frame
 from hilbridge.records import Frame
 
 
@@ -82,15 +82,15 @@ def test_no_frame_bytes_raise(raw: bytes) -> None:
 @pytest.mark.parametrize(
     ("state", "tec", "rec"),
     [
-        (ControllerState.ACTIVE, 0, 0),
-        (ControllerState.WARNING, 96, 0),
-        (ControllerState.WARNING, 0, 119),
-        (ControllerState.PASSIVE, 128, 0),
-        (ControllerState.PASSIVE, 0, 135),
-        (ControllerState.BUS_OFF, 256, 0),
+        (ErrorState.ACTIVE, 0, 0),
+        (ErrorState.WARNING, 96, 0),
+        (ErrorState.WARNING, 0, 119),
+        (ErrorState.PASSIVE, 128, 0),
+        (ErrorState.PASSIVE, 0, 135),
+        (ErrorState.BUS_OFF, 256, 0),
     ],
 )
-def test_error_frames_say_what_was_written(state: ControllerState, tec: int, rec: int) -> None:
+def test_error_frames_say_what_was_written(state: ErrorState, tec: int, rec: int) -> None:
     event = read_error_frame(*write_error_frame(state, tec, rec))
     assert (event.controller, event.tx_errors, event.rx_errors) == (state, min(tec, 255), rec)
 
@@ -105,10 +105,10 @@ def test_error_frames_as_linux_drivers_write_them() -> None:
     # A gs_usb adapter with nobody on the bus: CAN_ERR_ACK; then CAN_ERR_CRTL with TX_PASSIVE; a full receive buffer.
     assert read_error_frame(0x020, bytes(8)).no_ack
     passive = read_error_frame(0x004, bytes((0, 0x20, 0, 0, 0, 0, 128, 0)))
-    assert (passive.controller, passive.tx_errors) == (ControllerState.PASSIVE, 128)
+    assert (passive.controller, passive.tx_errors) == (ErrorState.PASSIVE, 128)
     assert read_error_frame(0x004, bytes((0, 0x01, 0, 0, 0, 0, 0, 0))).overflow
-    assert read_error_frame(0x040, b"").controller is ControllerState.BUS_OFF
-    assert read_error_frame(0x100, b"").controller is ControllerState.ACTIVE
+    assert read_error_frame(0x040, b"").controller is ErrorState.BUS_OFF
+    assert read_error_frame(0x100, b"").controller is ErrorState.ACTIVE
 
 
 @given(st.integers(0, 0x1FFF_FFFF), st.binary(max_size=64))

@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from hilbridge.bus.bits import frame_length
-from hilbridge.bus.error_frames import ControllerState, ErrorKind
-from hilbridge.bus.events import BusError, Delivered, Enqueued, Event, FrameLost, StateChanged
-from hilbridge.bus.frames import WireFrame, arbitration_key
-from hilbridge.bus.medium import Medium
-from hilbridge.bus.nodes import QueueOrder
-from hilbridge.bus.wire_faults import Babble, Corruption, QueueStall, Where, WireCut, WireFaults
+from hilbridge.bus.model.bits import frame_length
+from hilbridge.bus.model.error_frames import ErrorKind, ErrorState
+from hilbridge.bus.model.events import BusError, Delivered, Enqueued, Event, FrameLost, StateChanged
+from hilbridge.bus.model.faults import Babble, Corruption, QueueStall, Where, WireCut, WireFaults
+from hilbridge.bus.model.frames import WireFrame, arbitration_key
+from hilbridge.bus.model.medium import Medium
+from hilbridge.bus.model.nodes import QueueOrder
 
 BIT_NS = 2_000  # 500 kbit/s
 SECOND_NS = 1_000_000_000
@@ -259,7 +259,7 @@ def test_a_cut_node_hears_nothing_and_is_not_acknowledged_until_the_wire_is_whol
     assert sent.at_ns > 5_000_000
     lonely = [event for event in events if isinstance(event, BusError)]
     assert {kind for event in lonely for kind in event.errors.values()} == {ErrorKind.ACK}
-    assert medium.node(lost).state is ControllerState.WARNING  # passive by 16 missing ACKs, one success ended that
+    assert medium.node(lost).state is ErrorState.WARNING  # passive by 16 missing ACKs, one success ended that
     assert medium.fault_state.effects["cut"] == 1
 
 
@@ -269,7 +269,7 @@ def test_a_node_that_never_acknowledges_leaves_a_lone_sender_error_passive_but_n
     medium.send(sender, WireFrame(0x100), 0, 0)
     events = medium.advance(SECOND_NS)
     assert medium.node(sender).confinement.tec == 128
-    assert medium.node(sender).state is ControllerState.PASSIVE
+    assert medium.node(sender).state is ErrorState.PASSIVE
     assert not any(isinstance(event, FrameLost) for event in events)
     assert mute in delivered(events)[0].receivers  # a passive sender's error flag does not spoil what others hear
     assert not delivered(events)[0].sent

@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from hilbridge.bus.backend import LinkDown, WriteResult
-from hilbridge.bus.port import BusPort, SendResult
+from hilbridge.bus.port.asyncio_port import BusPort, SendResult
+from hilbridge.bus.port.backend import LinkDown, WriteResult
 from hilbridge.records import Frame
 
 

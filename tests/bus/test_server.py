@@ -9,10 +9,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from hilbridge.bus.client import BusClient
-from hilbridge.bus.events import Enqueued
-from hilbridge.bus.frames import WireFrame
-from hilbridge.bus.link import (
+from hilbridge.bus.model.events import Enqueued
+from hilbridge.bus.model.frames import WireFrame
+from hilbridge.bus.model.medium import Medium
+from hilbridge.bus.simulated.client import BusClient
+from hilbridge.bus.simulated.protocol import (
     HOST,
     LINK_VERSION,
     RECORD_BYTES,
@@ -26,8 +27,7 @@ from hilbridge.bus.link import (
     read_within,
     unpack,
 )
-from hilbridge.bus.medium import Medium
-from hilbridge.bus.server import BusServer, serve
+from hilbridge.bus.simulated.server import BusServer, serve
 
 WAIT_S = 20.0
 

@@ -14,10 +14,10 @@ from itertools import pairwise
 import can
 import pytest
 
-from hilbridge.bus.client import BusClient, BusNotReachable
-from hilbridge.bus.port import BusPort, SendResult
-from hilbridge.bus.server import BusNameTaken, claim
-from hilbridge.bus.spec import BusUnavailable
+from hilbridge.bus.port.asyncio_port import BusPort, SendResult
+from hilbridge.bus.port.spec import BusUnavailable
+from hilbridge.bus.simulated.client import BusClient, BusNotReachable
+from hilbridge.bus.simulated.server import BusNameTaken, claim
 from hilbridge.records import Frame
 
 WAIT_S = 20.0
@@ -162,7 +162,7 @@ async def test_a_flooded_port_keeps_the_newest_of_each_identifier(name: str) -> 
 
 async def test_port_recovers_when_the_process_of_the_bus_dies(name: str) -> None:
     changed = asyncio.Event()
-    command = [sys.executable, "-m", "hilbridge.bus.server", name]
+    command = [sys.executable, "-m", "hilbridge.bus.simulated.server", name]
     server = await asyncio.create_subprocess_exec(*command, stdout=asyncio.subprocess.PIPE)
     assert server.stdout is not None
     assert (await server.stdout.readline()).decode().split() == ["serving", name]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from hilbridge.bus.port import BusPort, SendResult
+from hilbridge.bus.port.asyncio_port import BusPort, SendResult
 from hilbridge.records import Frame
 from tests.bus.lawicel import WAIT_S, FakeAdapter
 

@@ -19,8 +19,9 @@ from hilbridge.core.session import Phase, Purpose, Session
 from hilbridge.records import Action, Frame, GateDecision, HoldReason
 from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Decoded
+from hilbridge.wire.keys import DEMO_KEY
 from hilbridge.wire.link import WireLink
-from hilbridge.wire.secoc import DEMO_KEY, Authenticator
+from hilbridge.wire.secoc import Authenticator
 from tests.safety.rig import ACT_POUR, ACT_PUT, ACT_TAKE, HOLD, MS, Rig, codec
 
 requirement = pytest.mark.requirement

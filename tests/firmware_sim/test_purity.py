@@ -18,7 +18,7 @@ from tests.safety.hand import Hand
 
 HOME = Path(firmware_sim.__file__).parent
 STEP = (
-    "controller", "receive", "faults", "watchdogs", "torque", "transmit", "states", "memory", "profiles",
+    "controller", "receive", "transitions", "watchdogs", "torque", "transmit", "states", "memory", "profiles",
     "frames", "e2e", "secoc", "selftest", "law.allowance", "law.damping", "law.filters", "law.guidance", "law.memory",
     "law.numbers", "law.support",
 )  # fmt: skip

@@ -5,7 +5,7 @@ from hilbridge.features.layout import D
 from hilbridge.intent.gru import StreamingGru, full_window
 
 torch = pytest.importorskip("torch")
-from hilbridge.learning.network import GruNetwork, export_weights  # noqa: E402
+from hilbridge.learning.training.network import GruNetwork, export_weights  # noqa: E402
 
 STEPS = 50
 

@@ -3,7 +3,7 @@ import pytest
 
 pytest.importorskip("sklearn")
 
-from hilbridge.learning.certify import (
+from hilbridge.learning.certificate.certify import (
     TAUS,
     betting_p_value,
     certify,
@@ -11,7 +11,7 @@ from hilbridge.learning.certify import (
     region_bound,
     window_counts,
 )
-from hilbridge.learning.certify_study import World, draw, study, true_curve
+from hilbridge.learning.certificate.study import World, draw, study, true_curve
 
 
 def test_counts_are_per_tau_and_person():

@@ -5,9 +5,15 @@ pytest.importorskip("sklearn")
 pytest.importorskip("torch")
 
 from hilbridge.intent.bundle import BundleError, demo_bundle_path, load_bundle
-from hilbridge.learning.certify import Method
-from hilbridge.learning.commands import GATE_TAUS, CertifyConfig, certify_bundle, gate_counts, method_named
-from hilbridge.learning.synthetic import record_people
+from hilbridge.learning.certificate.certify import Method
+from hilbridge.learning.certificate.certify_bundle import (
+    GATE_TAUS,
+    CertifyConfig,
+    certify_bundle,
+    gate_counts,
+    method_named,
+)
+from hilbridge.learning.data.synthetic import record_people
 from hilbridge.wearer.timeline import DEMO
 
 

@@ -6,19 +6,19 @@ import pytest
 
 pytest.importorskip("sklearn")
 
+from hilbridge.errors import InputError
 from hilbridge.features.layout import PATCH, D
-from hilbridge.learning import aggregates
-from hilbridge.learning.describe import describe
-from hilbridge.learning.egtea import DatasetError, load_actions, normalise_verb, subjects
-from hilbridge.learning.sessions import (
+from hilbridge.features.packs import read_pack, write_pack
+from hilbridge.learning.data import aggregates
+from hilbridge.learning.data.describe import describe
+from hilbridge.learning.data.egtea import DatasetError, load_actions, normalise_verb, subjects
+from hilbridge.learning.data.sessions import (
     folds,
     gaze_steps,
     load_features,
-    read_pack,
     recorded_sessions,
     session_features,
     session_stream,
-    write_pack,
 )
 from hilbridge.sensors.begaze import BegazeError, parse_begaze, read_begaze
 from hilbridge.verbs import OTHER, VERBS
@@ -73,7 +73,7 @@ def test_the_wearers_statistics_are_the_real_annotations_aggregates(egtea):
 @pytest.mark.data
 @pytest.mark.slow
 def test_history_on_the_real_annotations_beats_the_sensors_top5(egtea):
-    from hilbridge.learning.history import evaluate_history
+    from hilbridge.learning.experiments.annotated_history import evaluate_history
 
     result = evaluate_history(egtea, count=8)
     assert result.windows == 15_484
@@ -246,7 +246,7 @@ def test_a_video_goes_through_the_same_chain_and_packs_keep_it(tmp_path):
 
 
 def test_sessions_are_packed_once_and_described_with_their_discards(tmp_path):
-    from hilbridge.learning.packs import make_packs, missing
+    from hilbridge.learning.data.packs import make_packs, missing
 
     root = package(
         tmp_path,
@@ -285,10 +285,10 @@ def test_sessions_are_packed_once_and_described_with_their_discards(tmp_path):
 def test_what_is_no_feature_pack_is_refused(tmp_path, arrays):
     path = tmp_path / "bad.npz"
     np.savez(path, **arrays)
-    with pytest.raises(DatasetError, match="extract it again"):
+    with pytest.raises(InputError, match="extract it again"):
         read_pack(path)
     path.write_bytes(b"no zip")
-    with pytest.raises(DatasetError, match="extract it again"):
+    with pytest.raises(InputError, match="extract it again"):
         read_pack(path)
 
 
@@ -296,7 +296,7 @@ def test_what_is_no_feature_pack_is_refused(tmp_path, arrays):
 @pytest.mark.slow
 def test_believed_history_beats_gaze_alone_on_real_sessions(data):
     pytest.importorskip("torch")
-    from hilbridge.learning.gaze_history import evaluate_gaze_with_history
+    from hilbridge.learning.experiments.gaze_history import evaluate_gaze_with_history
 
     result = evaluate_gaze_with_history(data / "egtea")
     assert result.gaze_nll != result.marginal_nll

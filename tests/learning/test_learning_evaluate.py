@@ -11,9 +11,9 @@ import pytest
 
 pytest.importorskip("torch")
 
-from hilbridge.learning.evaluate import evaluate
-from hilbridge.learning.experiments import Plan
-from hilbridge.learning.train import Recipe
+from hilbridge.learning.experiments.benchmark import Plan
+from hilbridge.learning.experiments.evaluate import evaluate
+from hilbridge.learning.training.recipes import Recipe
 
 TINY = Recipe(hidden=16, inner=8, epochs=2, windows_per_epoch=512, seed=1)
 PLAN = Plan(

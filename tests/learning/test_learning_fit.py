@@ -6,9 +6,9 @@ import pytest
 pytest.importorskip("sklearn")
 
 from hilbridge.intent.calibration import ALL_VALID, ISOTONIC_CAP, Method
-from hilbridge.learning.experiments import LOSSES, Plan, mask_of, network_path
-from hilbridge.learning.fit import fit_calibration, fit_isotonic
+from hilbridge.learning.experiments.benchmark import LOSSES, Plan, mask_of, network_path
 from hilbridge.learning.metrics import ece
+from hilbridge.learning.training.fit import fit_calibration, fit_isotonic
 
 WITHOUT_HANDS = 0b101
 

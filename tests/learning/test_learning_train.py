@@ -12,11 +12,13 @@ from hilbridge.features.layout import STEP_NS  # noqa: E402
 from hilbridge.intent.bundle import demo_bundle_path, load_bundle  # noqa: E402
 from hilbridge.intent.calibration import ALL_VALID, Method  # noqa: E402
 from hilbridge.intent.predictor import Predictor  # noqa: E402
-from hilbridge.learning.demo import DEMO_RECIPE, TrainConfig, replay_bundle, train  # noqa: E402
-from hilbridge.learning.replay import estimates, replay, stream_logits  # noqa: E402
-from hilbridge.learning.synthetic import Stream, record, record_people  # noqa: E402
-from hilbridge.learning.train import Recipe, class_weights, fit_network  # noqa: E402
-from hilbridge.learning.windows import STEPS, Statistics, gather, onset_ends, window_ends  # noqa: E402
+from hilbridge.learning.data.stream import Stream  # noqa: E402
+from hilbridge.learning.data.synthetic import record, record_people  # noqa: E402
+from hilbridge.learning.data.windows import STEPS, Statistics, gather, onset_ends, window_ends  # noqa: E402
+from hilbridge.learning.training.make_bundle import TrainConfig, replay_bundle, train  # noqa: E402
+from hilbridge.learning.training.recipes import DEMO_RECIPE, Recipe  # noqa: E402
+from hilbridge.learning.training.replay import estimates, replay, stream_logits  # noqa: E402
+from hilbridge.learning.training.train import class_weights, fit_network  # noqa: E402
 from hilbridge.records import FeatureVector, Modality  # noqa: E402
 from hilbridge.verbs import VERBS  # noqa: E402
 from hilbridge.wearer.timeline import DEMO  # noqa: E402

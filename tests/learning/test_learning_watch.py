@@ -7,11 +7,12 @@ pytest.importorskip("torch")
 
 from hilbridge.features.layout import D
 from hilbridge.intent.calibration import softmax
-from hilbridge.learning.fit import fit_isotonic, fit_temperature
+from hilbridge.learning.data.stream import Stream
+from hilbridge.learning.data.windows import window_ends
 from hilbridge.learning.metrics import ece
-from hilbridge.learning.synthetic import Stream
-from hilbridge.learning.train import Recipe, fit_network, predict_logits
-from hilbridge.learning.windows import window_ends
+from hilbridge.learning.training.fit import fit_isotonic, fit_temperature
+from hilbridge.learning.training.recipes import Recipe
+from hilbridge.learning.training.train import fit_network, predict_logits
 
 RECIPE = Recipe(
     hidden=48,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hilbridge.bus.spec import BusSpec
+from hilbridge.bus.port.spec import BusSpec
 from hilbridge.config import BusConfig, Config, GateSection, ModelConfig
 from hilbridge.errors import InputError
 from hilbridge.runtime.assemble import Parts, build_node, gate_config, read_parts

@@ -22,8 +22,9 @@ from hilbridge.runtime.health import SensorSeen
 from hilbridge.runtime.node import BridgeNode, Tick
 from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Codec
+from hilbridge.wire.keys import DEMO_KEY
 from hilbridge.wire.link import WireLink
-from hilbridge.wire.secoc import DEMO_KEY, Authenticator
+from hilbridge.wire.secoc import Authenticator
 
 MS = 1_000_000
 POUR = VERBS.index("Pour")

@@ -12,12 +12,13 @@ import signal
 import sys
 import time
 
-from hilbridge.bus.port import BusPort, SendResult
+from hilbridge.bus.port.asyncio_port import BusPort, SendResult
 from hilbridge.core.bridge import TICK_NS, Bridge, BridgeConfig
 from hilbridge.records import Action, GateDecision, HoldReason
 from hilbridge.wire.codec import Decoded
+from hilbridge.wire.keys import DEMO_KEY
 from hilbridge.wire.link import WireLink
-from hilbridge.wire.secoc import DEMO_KEY, Authenticator
+from hilbridge.wire.secoc import Authenticator
 from tests.safety.rig import codec
 
 _POUR = GateDecision(Action.ACT, 9, 0.9, HoldReason.NONE)

@@ -10,10 +10,10 @@ from pathlib import Path
 import joblib
 
 from scenarios.campaign import GATE_STATES, base_scenario, run_campaign, samples_of
-from scenarios.collect import collect
-from scenarios.run import run_scenario
+from scenarios.format.collect import collect
+from scenarios.format.schema import Scenario
+from scenarios.lockstep.run import run_scenario
 from scenarios.runner import file_name
-from scenarios.schema import Scenario
 from tests.safety.defects import DEFECTS, is_clean, is_found
 from tests.safety.table import Row, Scale
 

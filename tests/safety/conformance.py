@@ -12,7 +12,8 @@ from firmware_sim import e2e as device_e2e
 from firmware_sim import frames
 from firmware_sim.frames import FIELDS, Reject
 from hilbridge.records import Frame
-from hilbridge.wire.codec import Codec, Decoded, Message, Rejected, Signal
+from hilbridge.wire.codec import Codec, Decoded, Rejected
+from hilbridge.wire.dbc import Message, Signal
 from hilbridge.wire.e2e import protect
 from tests.safety.table import Row, Scale
 

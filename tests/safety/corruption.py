@@ -13,7 +13,7 @@ from crccheck.crc import Crc16CcittFalse
 from firmware_sim import e2e as device
 from firmware_sim.frames import ACT_CMD
 from hilbridge.wire import e2e as bridge
-from hilbridge.wire.codec import default_dbc_path
+from hilbridge.wire.dbc import default_dbc_path
 from tests.safety.table import Row, Scale
 
 DATA_ID = device.DATA_ID[ACT_CMD]

@@ -18,8 +18,8 @@ from firmware_sim.states import TABLE, Event, State
 from hilbridge.core import bridge, gate
 from hilbridge.records import HoldReason
 from scenarios.campaign import GATE_STATES, Sample, base_scenario, scenario_for
-from scenarios.run import run_scenario
-from scenarios.schema import Scenario
+from scenarios.format.schema import Scenario
+from scenarios.lockstep.run import run_scenario
 
 
 class _EqualToAll:

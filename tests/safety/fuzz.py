@@ -27,8 +27,9 @@ from firmware_sim.receive import receive
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.records import Frame
 from hilbridge.wire.codec import Decoded
+from hilbridge.wire.keys import DEMO_KEY
 from hilbridge.wire.link import WireLink
-from hilbridge.wire.secoc import DEMO_KEY, Authenticator
+from hilbridge.wire.secoc import Authenticator
 from tests.safety.hand import Hand
 from tests.safety.rig import codec
 from tests.safety.table import Row, Scale

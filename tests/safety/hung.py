@@ -20,7 +20,7 @@ from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Any
 
-from hilbridge.bus.client import BusClient, BusNotReachable
+from hilbridge.bus.simulated.client import BusClient, BusNotReachable
 from tests.safety import hung_processes
 from tests.safety.table import Row, Scale
 

@@ -9,7 +9,7 @@ import sys
 from multiprocessing.process import BaseProcess
 
 from firmware_sim import node
-from hilbridge.bus import server
+from hilbridge.bus.simulated import server
 from tests.safety import bridge_process
 from tests.safety.rig import codec
 

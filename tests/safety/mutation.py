@@ -37,7 +37,7 @@ LAW = ("allowance", "damping", "filters", "guidance", "memory", "numbers", "supp
 TARGETS: dict[str, tuple[str, ...]] = {
     "firmware_sim/controller.py": _DEVICE,
     "firmware_sim/receive.py": _DEVICE,
-    "firmware_sim/faults.py": _DEVICE,
+    "firmware_sim/transitions.py": _DEVICE,
     "firmware_sim/watchdogs.py": _DEVICE,
     "firmware_sim/torque.py": _LAW,
     **{f"firmware_sim/law/{part}.py": (*_LAW, f"test_law_{part}.py") for part in LAW},
@@ -50,6 +50,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "hilbridge/core/deadline.py": ("test_session_and_bridge.py",),
     "hilbridge/wire/e2e.py": ("test_codec_and_link.py",),
     "hilbridge/wire/secoc.py": ("test_secoc.py",),
+    "hilbridge/wire/keys.py": ("test_secoc.py",),
 }
 TESTS = ("tests/firmware_sim", "tests/core", "tests/wire", "tests/test_wire_conformance.py")
 QUICK = {

@@ -17,7 +17,7 @@ import pytest
 from hilbridge.errors import InputError
 from scenarios import campaign
 from scenarios.campaign import Outcome, Sample, base_scenario, run_campaign, run_sample, samples_of
-from scenarios.schema import Scenario
+from scenarios.format.schema import Scenario
 
 MARK = "HILBRIDGE_TEST_DIES_ONCE"
 

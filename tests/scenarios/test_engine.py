@@ -1,4 +1,4 @@
-"""scenarios.engine: the same run every time, every fault takes effect, and what the catalogue expects holds."""
+"""scenarios.lockstep.engine: the same run every time, every fault takes effect, and what the catalogue expects holds."""
 
 from __future__ import annotations
 
@@ -9,14 +9,14 @@ import pytest
 from firmware_sim.device import Device
 from firmware_sim.memory import ControllerState
 from scenarios.campaign import Sample, base_scenario, run_sample, samples_of, scenario_for
-from scenarios.collect import collect, unfold
-from scenarios.engine import MS, Lockstep
+from scenarios.format.collect import collect, unfold
+from scenarios.format.schema import Scenario, dump_scenario, load_scenario, scenario_of
+from scenarios.format.vocabulary import FAULTS
+from scenarios.lockstep.engine import MS, Lockstep
+from scenarios.lockstep.probes import DeviceProbe
+from scenarios.lockstep.run import run_scenario
 from scenarios.minimise import minimise_scenario
-from scenarios.probes import DeviceProbe
-from scenarios.run import run_scenario
-from scenarios.schema import Scenario, dump_scenario, load_scenario, scenario_of
-from scenarios.tracks import Tracks
-from scenarios.vocabulary import FAULTS
+from scenarios.signals.tracks import Tracks
 from tests.safety.defects import DEFECTS, planted
 
 CATALOG = Path(__file__).parents[2] / "scenarios" / "catalog"
@@ -125,7 +125,7 @@ def test_assist_that_goes_on_while_the_bridge_hangs_is_assist_nobody_asks_for() 
 
 
 def test_a_fault_that_never_takes_effect_fails_its_scenario() -> None:
-    never = acting({"fault": "gaze.off", "when": "device.state == PASSIVE"})
+    never = acting({"fault": "gaze.off", "when": "device.state == Passive"})
     result = run_scenario(never).result
     assert not result.passed
     assert result.problems() == ["fault gaze.off never took effect (0 strikes)"]

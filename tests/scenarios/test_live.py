@@ -12,13 +12,11 @@ import pytest
 
 from firmware_sim import frames as layout
 from firmware_sim.attachment import parse_spec as device_spec
-from hilbridge.bus.spec import parse_spec
+from hilbridge.bus.port.spec import parse_spec
 from hilbridge.records import CameraFrame, GazeSample
 from scenarios import cli
-from scenarios.collect import collect
-from scenarios.faults import Active, FaultBoard
-from scenarios.judging import FaultCount
-from scenarios.junit import write_junit
+from scenarios.format.collect import collect
+from scenarios.format.schema import Expectation, Scenario, Step, dump_scenario, scenario_of
 from scenarios.live.bridge_log import missing_ticks, put_bridge
 from scenarios.live.device_log import assist_figures, device_columns
 from scenarios.live.happened import Happened
@@ -28,9 +26,11 @@ from scenarios.live.run import judge_live, with_margin
 from scenarios.live.senses import EdgeSource
 from scenarios.live.world import DeviceWorld
 from scenarios.runner import sort_out
-from scenarios.schema import Expectation, Scenario, Step, dump_scenario, scenario_of
-from scenarios.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, Body, edges
-from scenarios.tracks import Tracks
+from scenarios.signals.tracks import Tracks
+from scenarios.verdict.judging import FaultCount
+from scenarios.verdict.junit import write_junit
+from scenarios.world.fault_board import Active, FaultBoard
+from scenarios.world.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, Body, edges
 
 CATALOG = Path(__file__).parents[2] / "scenarios" / "catalog"
 MS = 1_000_000

@@ -1,4 +1,4 @@
-"""scenarios.recorded: a recorded session in the wearer's place, and one line for a file that cannot be used."""
+"""scenarios.world.recorded: a recorded session in the wearer's place, and one line for a file that cannot be used."""
 
 from __future__ import annotations
 
@@ -8,16 +8,17 @@ import pytest
 
 from hilbridge.errors import InputError
 from hilbridge.features.layout import GAZE, HANDS, STEP_NS
+from hilbridge.features.packs import write_pack
 from hilbridge.intent.predictor import Predictor
-from hilbridge.learning.sessions import write_pack
 from hilbridge.observe.recording import read_recording
 from hilbridge.records import FeatureVector
 from hilbridge.sensors.models import hand_model_path, hand_model_problem
 from hilbridge.wearer.person import Wearer
-from scenarios.intent import bundle
-from scenarios.recorded import Filmed, PackAssembler, Video
-from scenarios.run import Run, run_scenario
-from scenarios.schema import Scenario, Session, dump_scenario, load_scenario, scenario_of
+from scenarios.format.schema import Scenario, Session, dump_scenario, load_scenario, scenario_of
+from scenarios.lockstep.run import run_scenario
+from scenarios.verdict.outcome import Run
+from scenarios.world.intent import bundle
+from scenarios.world.recorded import Filmed, PackAssembler, Video
 from tests.scenarios.sessions import film, wearers_features
 
 

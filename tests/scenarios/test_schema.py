@@ -1,4 +1,4 @@
-"""scenarios.schema: strict, with file, line and the nearest valid name in every refusal."""
+"""scenarios.format.schema: strict, with file, line and the nearest valid name in every refusal."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hilbridge.errors import InputError
-from scenarios.durations import format_duration, parse_duration_ns
-from scenarios.schema import load_scenario, scenario_of
-from scenarios.vocabulary import FAULTS
+from scenarios.format.durations import format_duration, parse_duration_ns
+from scenarios.format.schema import load_scenario, scenario_of
+from scenarios.format.vocabulary import FAULTS
 
 GOOD = """\
 name: gaze cut while assisting
@@ -20,7 +20,7 @@ duration: 20 s
 intent:
   - {at: 1 s, verb: Take, confidence: 0.95}
 steps:
-  - when: device.state == ASSIST
+  - when: device.state == Assist
     after: 100 ms
     fault: gaze.off
     for: 2 s
@@ -45,7 +45,7 @@ def test_a_scenario_reads_as_the_object_the_builder_makes(tmp_path: Path) -> Non
             "duration": "20 s",
             "intent": [{"at": "1 s", "verb": "Take", "confidence": 0.95}],
             "steps": [
-                {"when": "device.state == ASSIST", "after": "100 ms", "fault": "gaze.off", "for": "2 s"},
+                {"when": "device.state == Assist", "after": "100 ms", "fault": "gaze.off", "for": "2 s"},
                 {"at": "3 s", "fault": "bus.drop", "with": {"share": 0.5}},
             ],
             "expect": [{"that": "always device.assist_nm <= 2"}, {"figure": "acts", "at_least": 1}],

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from hilbridge.errors import InputError
-from scenarios import compiled
+from scenarios.lockstep import compiled
 
 ROOT = Path(__file__).parents[2]
 # A predictor's minute, a fault on the bus, one of the device, a wearer against the assist.

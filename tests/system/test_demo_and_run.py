@@ -106,7 +106,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
 
     import hilbridge.sensors.camera  # noqa: F401  # silences FFmpeg, which reads its log level once
     from hilbridge.intent.bundle import demo_bundle_path
-    from hilbridge.wire.codec import default_dbc_path
+    from hilbridge.wire.dbc import default_dbc_path
 
     folder = tmp_path_factory.mktemp("wrong")
     video = folder / "clip.avi"
@@ -162,7 +162,7 @@ def test_an_absent_hand_model_names_the_command_that_fetches_it(files: dict[str,
 
 
 def test_running_never_imports_torch() -> None:
-    code = "import sys, hilbridge.cli, hilbridge.demo, hilbridge.session, hilbridge.doctor, hilbridge.runtime.senses;"
+    code = "import sys, hilbridge.cli, hilbridge.demo, hilbridge.run, hilbridge.doctor, hilbridge.runtime.senses;"
     done = subprocess.run(
         [sys.executable, "-c", code + "print('torch' in sys.modules)"], capture_output=True, text=True
     )

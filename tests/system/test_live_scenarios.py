@@ -14,11 +14,11 @@ import pytest
 
 from firmware_sim.attachment import Attachment
 from firmware_sim.attachment import parse_spec as device_spec
-from hilbridge.bus.spec import BusSpec, parse_spec
+from hilbridge.bus.port.spec import BusSpec, parse_spec
 from hilbridge.errors import InputError
 from hilbridge.observe.recording import read_recording
+from scenarios.format.schema import Scenario, Session, dump_scenario, scenario_of
 from scenarios.live.run import run_live
-from scenarios.schema import Scenario, Session, dump_scenario, scenario_of
 from tests.scenarios.sessions import film
 
 pytestmark = pytest.mark.timeout(300)

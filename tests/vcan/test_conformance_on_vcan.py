@@ -8,11 +8,11 @@ from typing import NamedTuple
 
 import can
 
-from hilbridge.bus.bits import INTERMISSION_BITS, frame_length
-from hilbridge.bus.frames import arbitration_key
-from hilbridge.bus.inprocess import Network, VirtualClock
-from hilbridge.bus.medium import Medium
-from hilbridge.bus.simulated import SimulatedBus, wire_frame_of
+from hilbridge.bus.model.bits import INTERMISSION_BITS, frame_length
+from hilbridge.bus.model.frames import arbitration_key
+from hilbridge.bus.model.medium import Medium
+from hilbridge.bus.simulated.interface import SimulatedBus, wire_frame_of
+from hilbridge.bus.simulated.network import Network, VirtualClock
 
 BIT_NS = 2_000
 NAMES = ("one", "two", "three", "listener")

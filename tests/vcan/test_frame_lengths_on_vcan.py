@@ -15,9 +15,9 @@ from pathlib import Path
 
 import pytest
 
-from hilbridge.bus.bits import INTERMISSION_BITS, frame_length
-from hilbridge.bus.frames import WireFrame
-from hilbridge.bus.socketcan import pack_can_frame
+from hilbridge.bus.model.bits import INTERMISSION_BITS, frame_length
+from hilbridge.bus.model.frames import WireFrame
+from hilbridge.bus.port.socketcan import pack_can_frame
 from hilbridge.records import Frame
 
 FRAMES, CHUNK, ATTEMPTS = 100_000, 1_000, 600

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import pytest
 
-from hilbridge.bus.netlink import read_link
-from hilbridge.bus.port import BusPort, SendResult
+from hilbridge.bus.port.asyncio_port import BusPort, SendResult
+from hilbridge.bus.port.netlink import read_link
 from hilbridge.records import Frame
 from tests.bus.lawicel import FakeAdapter
 

@@ -14,7 +14,7 @@ import pytest
 
 from hilbridge.sensors.gaze import open_gaze
 from hilbridge.sensors.models import hand_model_path, hand_model_problem
-from hilbridge.wire.codec import default_dbc_path
+from hilbridge.wire.dbc import default_dbc_path
 
 pytestmark = [pytest.mark.vcan, pytest.mark.data, pytest.mark.timeout(600)]
 

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 
 from hilbridge.records import Frame
 from hilbridge.wire import e2e
-from hilbridge.wire.codec import REQUIRED, Codec, DbcError, Decoded, Rejected, RejectReason, default_dbc_path
+from hilbridge.wire.codec import Codec, Decoded, Rejected, RejectReason
+from hilbridge.wire.dbc import REQUIRED, DbcError, default_dbc_path
 from hilbridge.wire.e2e import CheckStatus, MachineState, ReceiverState
 from hilbridge.wire.link import WireLink
 

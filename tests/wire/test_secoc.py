@@ -10,8 +10,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim import secoc as device
-from hilbridge.wire import secoc
-from hilbridge.wire.secoc import DEMO_KEY, Authenticator, KeyFileError, load_key
+from hilbridge.wire import keys, secoc
+from hilbridge.wire.keys import DEMO_KEY, KeyFileError, load_key
+from hilbridge.wire.secoc import Authenticator
 
 requirement = pytest.mark.requirement
 U32 = st.integers(0, 0xFFFFFFFF)
@@ -58,7 +59,7 @@ def test_a_system_without_modes_has_no_private_files(tmp_path: Path, monkeypatch
     path = tmp_path / "arm.key"
     path.write_text("00" * 16)
     path.chmod(0o644)
-    monkeypatch.setattr(secoc, "os", SimpleNamespace(name="nt"))
+    monkeypatch.setattr(keys, "os", SimpleNamespace(name="nt"))
     assert load_key(path, physical=False) == bytes(16)
 
 

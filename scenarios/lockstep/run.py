@@ -1,0 +1,74 @@
+"""One scenario from its object to its result: run in lockstep, put on a grid, judge."""
+
+from __future__ import annotations
+
+import time
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+from firmware_sim.memory import COUNT_TRIPS
+from hilbridge.observe.recording import Recording
+from hilbridge.rows import CountersRow
+from scenarios.format.schema import Scenario
+from scenarios.lockstep.engine import Lockstep
+from scenarios.lockstep.timing import Profile, profiled
+from scenarios.verdict.figures import figures_of_ticks, zero_after_fault_ms
+from scenarios.verdict.judging import FaultCount, Result, judged
+from scenarios.verdict.outcome import Run, initial_values, meta_row, with_derived
+from scenarios.verdict.safety import safety_expectations
+
+MS = 1_000_000
+
+
+def run_scenario(
+    scenario: Scenario, *, recording: Path | None = None, where: str = "scenario", profile: bool = False
+) -> Run:
+    """Run in virtual time and judge. recording: where to leave the MCAP file. Raises InputError."""
+    parts: Profile | None = None
+
+    def prepared(world: Lockstep) -> Lockstep:
+        nonlocal parts
+        parts = profiled(world) if profile else None
+        return world
+
+    cpu_s = time.process_time()
+    if recording is None:
+        world = prepared(Lockstep(scenario))
+        with closing(world.body):
+            world.run()
+    else:
+        with Recording(recording) as out:
+            out.write(meta_row(scenario))
+            world = prepared(Lockstep(scenario, out.write))
+            with closing(world.body):
+                world.run()
+            out.write(CountersRow(scenario.duration, world.counters()))
+    cpu_s = time.process_time() - cpu_s
+    run = judge_world(world, cpu_s, where)
+    if parts is None:
+        return run
+    return replace(run, result=replace(run.result, profile=parts.per_second(scenario.duration / 1e9, cpu_s)))
+
+
+def judge_world(world: Lockstep, cpu_s: float, where: str) -> Run:
+    """Signals, figures and verdicts of a finished run."""
+    scenario = world.scenario
+    seconds = scenario.duration / 1e9
+    trace = with_derived(world.tracks.trace(scenario.duration / MS, initial_values(scenario)))
+    counters = world.device.state.counters
+    figures = {
+        **figures_of_ticks(world.bridge.ticks),
+        "assist_s": world.probe.assist_ms / 1000.0,
+        "assist_energy_j": world.probe.energy_j,
+        "max_assist_nm": world.device.peak_assist_unm * 1e-6,
+        "zero_after_fault_ms": zero_after_fault_ms(trace),
+        "trips": float(counters[COUNT_TRIPS]),
+        "frames_rejected": float(sum(counters[1:21])),
+        "frames_lost": float(world.frames_lost),
+    }
+    judgements = judged(scenario.expect, trace, figures, safety=False, where=where)
+    judgements += judged(safety_expectations(), trace, figures, safety=True, where=where)
+    faults = tuple(FaultCount(*row) for row in world.board.effects())
+    result = Result(scenario.name, scenario.seed, judgements, faults, figures, seconds, cpu_s)
+    return Run(result, trace, world.bridge.ticks, scenario)

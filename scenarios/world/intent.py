@@ -1,0 +1,68 @@
+"""Where estimates come from: the real predictor, an earlier run, or a script that believes what it is told to."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING
+
+from hilbridge.core.gate import GateConfig
+from hilbridge.errors import InputError
+from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
+from hilbridge.intent.predictor import Predictor
+from hilbridge.records import FeatureVector, IntentEstimate
+from hilbridge.runtime.node import Predicts
+from hilbridge.verbs import VERBS
+from scenarios.format.schema import Estimate, GatePart, Scenario, Session
+from scenarios.world.recorded import Replayed
+
+if TYPE_CHECKING:
+    pass
+
+NOTHING = 1.0 / len(VERBS)
+
+
+@cache
+def bundle() -> Bundle:
+    """The bundle that ships, read once."""
+    return load_bundle(demo_bundle_path())
+
+
+class Scripted:
+    """Believes in `verb` with `confidence` from each estimate's time on, whatever it sees; before that in nothing."""
+
+    def __init__(self, script: tuple[Estimate, ...], start_ns: int = 0) -> None:
+        self._script = sorted(script, key=lambda estimate: estimate.at)
+        self._start_ns = start_ns
+
+    def step(self, vector: FeatureVector, produced_ns: int) -> IntentEstimate:
+        verb, confidence = 0, NOTHING
+        for estimate in self._script:
+            if produced_ns - self._start_ns >= estimate.at:
+                verb, confidence = VERBS.index(estimate.verb), estimate.confidence
+        rest = (1.0 - confidence) / (len(VERBS) - 1)
+        probabilities = tuple(confidence if index == verb else rest for index in range(len(VERBS)))
+        return IntentEstimate(
+            vector.oldest_input_ns, produced_ns, probabilities, verb, confidence, bundle().bundle_id, vector.valid
+        )
+
+    def reset(self) -> None: ...
+
+
+def make_predictor(scenario: Scenario, start_ns: int = 0) -> Predicts:
+    """The scenario's source of intent; `start_ns` is its beginning on the caller's clock."""
+    if isinstance(scenario.intent, tuple):
+        return Scripted(scenario.intent, start_ns)
+    if isinstance(scenario.intent, Session) and scenario.intent.recording is not None:
+        return Replayed(scenario.intent, scenario.duration, bundle().bundle_id, start_ns)
+    return Predictor(bundle())
+
+
+def gate_config(gate: GatePart) -> GateConfig:
+    """Thresholds of the scenario over those of the bundle. Raises InputError."""
+    thresholds = bundle().thresholds
+    tau_on = thresholds.tau_on if gate.tau_on is None else gate.tau_on
+    tau_off = min(thresholds.tau_off, tau_on - 0.05) if gate.tau_off is None else gate.tau_off
+    try:
+        return GateConfig(tau_on=tau_on, tau_off=tau_off, alpha=gate.alpha, refractory_ns=gate.refractory)
+    except ValueError as error:
+        raise InputError(f"gate: {error}") from None
