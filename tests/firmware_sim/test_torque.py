@@ -214,11 +214,26 @@ def test_parts_of_torque_are_kept_apart() -> None:
     assert hand.outputs.follow_unm == out.follow_unm
 
 
-def test_what_pushes_comes_off_the_cap_before_damping() -> None:
-    law = Torque(gravity_unm=900_000, gravity_from_unm=900_000, gravity_top_unm=900_000, assist_ticks=400)
-    for time_ms in range(3):
-        tick(law, profile(CUT), 60_000, wave(6.0, 60_000, time_ms + 30))
-        assert abs(law.damping_unm) <= 1_000_000 - law.gravity_unm
+@pytest.mark.parametrize(("guide", "left"), [(0, 100_000), (60_000, 40_000), (-60_000, 160_000)])
+def test_what_pushes_comes_off_the_cap_before_damping(guide: int, left: int) -> None:
+    law = Torque(
+        gravity_unm=900_000,
+        gravity_from_unm=900_000,
+        gravity_top_unm=0,
+        guide_unm=guide,
+        assist_ticks=300,
+        fast_mdeg_s=-60_000,
+        wave_ticks=40,
+        last_ticks=40,
+        before_ticks=40,
+        last_peak=60_000,
+        before_peak=60_000,
+        gain_most=3_000,
+        damping_unm=195_000,
+        peaks=(900_000,) * 25,
+    )
+    torque.assisting(law, profile(CUT), 60_000, -60_000)
+    assert law.damping_unm == pytest.approx(max(left, 145_000), abs=600)
 
 
 @requirement("T8")
