@@ -95,7 +95,15 @@ def test_h5_tremor_of_2_newton_metres_keeps_all_authority() -> None:
 
 @pytest.mark.parametrize(
     ("spent", "share"),
-    [(0, 1000), (1_639_000, 1000), (1_639_000 + 2_731, 998), (3_004_000, 500), (4_369_000, 0), (5_000_000, 0)],
+    [
+        (0, 1000),
+        (1_639_000, 1000),
+        (1_639_001, 999),
+        (1_639_000 + 2_731, 998),
+        (3_004_000, 500),
+        (4_369_000, 0),
+        (5_000_000, 0),
+    ],
 )
 def test_h4_the_last_part_of_the_work_fades(spent: int, share: int) -> None:
     assert allowance.work_left(Torque(work=spent)) == share

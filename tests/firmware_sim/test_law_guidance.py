@@ -81,6 +81,11 @@ def test_guidance_moves_at_its_own_rate_and_scale() -> None:
     assert law.guide_unm == guidance.GUIDE_UNM * 400 // 1000
 
 
+def test_the_reach_ends_at_its_whole_length() -> None:
+    law = Torque(guide_tick=900, guide_from_mdeg=60_000, direction=1)
+    assert guidance._push(law, TAKE, 94_900) == 100 * guidance.GUIDE_STIFFNESS
+
+
 def test_near_the_target() -> None:
     law = Torque(guide_tick=1, guide_from_mdeg=60_000, direction=1)
     assert guidance.near_target(law, 95_000)

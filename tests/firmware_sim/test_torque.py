@@ -96,6 +96,12 @@ def test_h2_a_ramp_never_rises_nor_changes_side_where_its_parts_fall_apart(sign:
     assert law.assist_unm == 5_000
 
 
+def test_the_smallest_torque_is_ramped_as_a_large_one() -> None:
+    law = Torque(assist_unm=1, guide_unm=1, guide_from_unm=1)
+    torque.ramping(law, 1, 0)
+    assert law.assist_unm == 1
+
+
 @pytest.mark.parametrize("left", ["assist_unm", "gravity_unm", "nothing"])
 def test_h2_what_is_let_go_comes_to_rest_and_a_torque_out_of_nowhere_does_not_stay(left: str) -> None:
     law = replace(PULLED, gravity_tick=0)
