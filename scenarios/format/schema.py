@@ -64,6 +64,12 @@ class GatePart(_Part):
     refractory: Duration = 240_000_000  # ns, as every parsed duration
     alpha: Annotated[float, Field(gt=0.0, le=1.0)] = 0.2
 
+    @model_validator(mode="after")
+    def _band(self) -> GatePart:
+        if self.tau_on is not None and self.tau_off is not None and self.tau_off >= self.tau_on:
+            raise ValueError(f"tau_off = {self.tau_off:g} must be below tau_on = {self.tau_on:g}")
+        return self
+
 
 class Estimate(_Part):
     """From `at` on, a scripted predictor believes in `verb` with `confidence`."""

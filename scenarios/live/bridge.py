@@ -13,7 +13,6 @@ import threading
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cache
 from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
@@ -23,15 +22,15 @@ from hilbridge.bus.port.spec import BusSpec
 from hilbridge.config import BusConfig, Config
 from hilbridge.errors import InputError
 from hilbridge.priority import use_realtime_scheduling
-from hilbridge.runtime.assemble import Parts, build_node, meta_row
+from hilbridge.runtime.assemble import build_node, meta_row
+from hilbridge.runtime.judge import judge_by
 from hilbridge.runtime.live import LiveBridge
-from hilbridge.verbs import VERBS
-from hilbridge.wire.codec import Codec
 from scenarios.format.schema import Scenario
 from scenarios.live.port import TappedPort
 from scenarios.live.senses import edge_senses
 from scenarios.world.fault_board import FaultBoard
-from scenarios.world.intent import bundle, gate_config, make_predictor
+from scenarios.world.intent import make_predictor
+from scenarios.world.parts import parts_of
 from scenarios.world.sensing import person
 from scenarios.world.tap import Tap
 
@@ -67,12 +66,6 @@ class RowLog:
         os.write(self._file, line.encode() + b"\n")
 
 
-@cache
-def codec() -> Codec:
-    """The DBC that ships, read once, by the server that forks bridges."""
-    return Codec()
-
-
 class BridgeProcess:
     """What lives in the process: board and taps for its share of the faults, the bridge, and the obeying of orders."""
 
@@ -89,7 +82,7 @@ class BridgeProcess:
     async def run(self) -> None:
         """Connect, say so, wait for `go`, tick until `stop`. What cannot be opened is told instead of `ready`."""
         bus = BusConfig(spec=str(self._spec))
-        parts = Parts(bundle(), gate_config(self._scenario.gate), codec())
+        parts = parts_of(self._scenario)
         options = {"node": "bridge"} if self._spec.interface == "hilsim" else {}
         port = TappedPort(self._spec, self._out, self._into, self._on_port_change, options)
         try:
@@ -104,13 +97,7 @@ class BridgeProcess:
                 return
             node = build_node(parts, port, bus, self._on_event, make_predictor(self._scenario, epoch_ns))
             senses = edge_senses(self._scenario, self._board, epoch_ns)
-            wearer = person(self._scenario)
-
-            def judge(now_ns: int, verb_index: int | None) -> Mapping[str, Any]:
-                truth = wearer.truth(max(0, now_ns - epoch_ns))
-                intended = None if truth.intended is None else VERBS[truth.intended]
-                return {"truth": intended, "right": None if verb_index is None else truth.is_right(verb_index)}
-
+            judge = judge_by(person(self._scenario).truth, epoch_ns)
             self._live = LiveBridge(node, port, senses, self._log.write, judge=judge, on_tick=self._note_effects)
             self._log.write("/meta", time.monotonic_ns(), meta_row(Config(bus=bus), parts, port))
             threading.Thread(target=self._obey, args=(asyncio.get_running_loop(),), daemon=True).start()

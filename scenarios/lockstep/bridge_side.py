@@ -9,20 +9,18 @@ from typing import TYPE_CHECKING, Any
 from hilbridge.bus.model.error_frames import ErrorState
 from hilbridge.bus.simulated.protocol import Arrival
 from hilbridge.config import SensorsConfig
-from hilbridge.core.bridge import Bridge, BridgeConfig
-from hilbridge.intent.tremor import TremorGuard
+from hilbridge.core.bridge import BridgeConfig
 from hilbridge.records import CameraFrame, FeatureVector, Frame, GazeSample
-from hilbridge.runtime.health import SensorSeen
-from hilbridge.runtime.node import BridgeNode, Tick
-from hilbridge.verbs import VERBS
-from hilbridge.wire.codec import Codec
+from hilbridge.runtime.assemble import assemble_node
+from hilbridge.runtime.health import FreezeProbe, SensorSeen, camera_seen, gaze_seen
+from hilbridge.runtime.judge import judged
+from hilbridge.runtime.node import Tick
 from hilbridge.wire.keys import DEMO_KEY
-from hilbridge.wire.link import WireLink
-from hilbridge.wire.secoc import Authenticator
 from scenarios.signals.bridge import absent_bridge, bridge_signals
 from scenarios.signals.tracks import Value
 from scenarios.world.fault_board import Active
-from scenarios.world.intent import bundle, gate_config, make_predictor
+from scenarios.world.intent import make_predictor
+from scenarios.world.parts import parts_of
 from scenarios.world.recorded import make_assembler
 from scenarios.world.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, detected, edges
 from scenarios.world.tap import Tap
@@ -35,16 +33,8 @@ TICK_PERIOD_NS = 40 * MS
 # What a live run was seen to need: a picture is features 12 ms after its capture, and the tick follows 3 ms later.
 VISION_NS = 12 * MS
 TICK_PHASE_NS = 15 * MS
-_PROBE_STEP = 16
 _BUS_OFF = ErrorState.BUS_OFF
-_BUS_CODES = {  # of BRIDGE_DIAG
-    ErrorState.ACTIVE: 1,
-    ErrorState.WARNING: 2,
-    ErrorState.PASSIVE: 3,
-    ErrorState.BUS_OFF: 4,
-}
 _LIMITS = SensorsConfig()
-_CODEC = Codec()
 
 
 class BridgeSide:
@@ -68,32 +58,23 @@ class BridgeSide:
     def _boot(self) -> None:
         """A process that starts: nothing of an earlier one is left."""
         scenario = self.world.scenario
-        self.wire = WireLink(_CODEC)
-        bridge = Bridge(
-            self.wire,
-            Authenticator(DEMO_KEY),
+        self.predictor = make_predictor(scenario)
+        self.node = assemble_node(
+            parts_of(scenario),
+            DEMO_KEY,
             lambda: self._nonces.getrandbits(32),
             BridgeConfig(),
-            lambda: self.wire.counters,
-        )
-        self.predictor = make_predictor(scenario)
-        self.node = BridgeNode(
-            self.predictor,
-            gate_config(scenario.gate),
-            bridge,
-            self.wire,
-            bundle().bundle_id,
-            TremorGuard(),
             lambda now_ns, text: self.world.record("/event", now_ns, {"text": text}),
+            self.predictor,
         )
+        self.wire = self.node.wire
         self._assembler = make_assembler(scenario)
         self._frame: CameraFrame | None = None
         self._sample: GazeSample | None = None
         self._vector: FeatureVector | None = None
         self._camera_ns: int | None = None
         self._gaze_ns: int | None = None
-        self._changed_ns: int | None = None
-        self._probe = b""
+        self._freeze = FreezeProbe()
         self._inbox: list[Frame] = []
 
     def start(self) -> None:
@@ -127,9 +108,7 @@ class BridgeSide:
         """The vision worker: hands, features."""
         if not self._running or generation != self._generation:
             return
-        probe = frame.pixels[::_PROBE_STEP, ::_PROBE_STEP].tobytes()
-        if probe != self._probe:
-            self._probe, self._changed_ns = probe, frame.captured_ns
+        self._freeze.look(frame)
         self._camera_ns = frame.captured_ns
         hands = detected(self._hands, self.world.body, frame.captured_ns)
         sample, self._sample = self._sample, None
@@ -150,15 +129,8 @@ class BridgeSide:
 
     def _seen(self) -> tuple[SensorSeen, ...]:
         return (
-            SensorSeen(
-                "camera",
-                True,
-                self._camera_ns,
-                self._changed_ns,
-                _LIMITS.camera_timeout_ms * MS,
-                _LIMITS.freeze_ms * MS,
-            ),
-            SensorSeen("gaze", True, self._gaze_ns, None, _LIMITS.gaze_timeout_ms * MS),
+            camera_seen(_LIMITS, True, self._camera_ns, self._freeze.changed_ns),
+            gaze_seen(_LIMITS, True, self._gaze_ns),
         )
 
     # The loop
@@ -216,9 +188,7 @@ class BridgeSide:
             self.world.bridge_is_off()
         if chip is not self._chip:
             self._chip = chip
-            self.node.bridge.on_bus_state(_BUS_CODES.get(chip, 0), chip is _BUS_OFF)
-            if chip is _BUS_OFF:
-                self.node.bridge.on_send_failed(bus_down=True)
+            self.node.on_bus_state(chip)
 
     def _send(self, frames: list[Frame]) -> None:
         now_ns = self.world.clock.time_ns
@@ -236,8 +206,7 @@ class BridgeSide:
         truth = self.world.body.calm.truth(now_ns)
         verb = tick.decision.verb_index
         row = tick.row
-        row["truth"] = None if truth.intended is None else VERBS[truth.intended]
-        row["right"] = None if verb is None else truth.is_right(verb)
+        row.update(judged(truth, verb))
         self.ticks.append(row)
         self.world.record("/tick", now_ns, row)
         self._put(bridge_signals(row))

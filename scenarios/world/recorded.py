@@ -30,6 +30,7 @@ from hilbridge.records import (
     Modality,
     StampSource,
 )
+from hilbridge.runtime.judge import Mind
 from hilbridge.sensors.gaze import open_gaze
 from hilbridge.sensors.hands import HandDetector
 from hilbridge.sensors.models import hand_model_path
@@ -38,15 +39,6 @@ from scenarios.format.schema import Scenario, Session
 
 _GREY = np.full((72, 96, 3), 128, np.uint8)
 _BLANK, _ONLY_GREY = np.zeros((72, 96), np.uint8), np.full((1, 3), 128, np.uint8)  # the same, drawn
-
-
-class Mind(Protocol):
-    """What is known of a wearer's intention at one moment (wearer.person.Truth, or nothing)."""
-
-    @property
-    def intended(self) -> int | None: ...
-
-    def is_right(self, verb_index: int) -> bool | None: ...
 
 
 class Person(Protocol):
