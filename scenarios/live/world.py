@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from scenarios.world.arm import tremor_torque_nm
+from scenarios.world.arm import PUSHING, opposing, push_nm
+from scenarios.world.device_faults import BIAS, ENCODER, LAG, OVERRUN, acting, broken
 from scenarios.world.fault_board import Active, FaultBoard
 
 # fault -> the command that makes it; what counts is what the device has obeyed
-_LASTING = {"device.sensor_fault": "encoder", "device.actuator_lag": "lag", "device.torque_bias": "bias"}
-_OVERRUN = "device.tick_overrun"
-PUSHING = ("wearer.opposing", "wearer.tremor")
+_COMMANDS = {ENCODER: "encoder", LAG: "lag", BIAS: "bias"}
 
 
 class DeviceWorld:
@@ -24,46 +22,42 @@ class DeviceWorld:
         self._pushed_nm = 0.0
 
     def change(self, active: Active) -> None:
-        """A device fault begins or ends: the world as all that are under way make it, so that others stay as they are."""
-        if active.step.fault == _OVERRUN:
-            if self._board.get(_OVERRUN) is active:  # an instant: its end is nothing
+        """A device fault begins or ends: type the whole of what is wrong now."""
+        if active.step.fault == OVERRUN:
+            if self._board.get(OVERRUN) is active:  # an instant: its end is nothing
                 self._command(f"overrun {round(active['overrun_ms'])}")
             return
-        self._obeyed -= set(_LASTING.values())
-        sensor, lag, bias = map(self._board.get, _LASTING)
-        self._command(f"encoder {0 if sensor is None else round(sensor['offset_deg'] * 1000)}")
+        self._obeyed -= set(_COMMANDS.values())
+        wrong = broken(self._board)
+        self._command(f"encoder {wrong.encoder_offset_mdeg}")
         self._command("mend")
-        if lag is not None:
-            self._command(f"lag {lag['time_constant_ms']:g}")
-        if bias is not None:
-            self._command(f"bias {bias['bias_nm']:g}")
+        if wrong.lag_ms is not None:
+            self._command(f"lag {wrong.lag_ms:g}")
+        if wrong.bias_nm is not None:
+            self._command(f"bias {wrong.bias_nm:g}")
 
     def push(self, assist_nm: float, now_ns: int) -> bool:
-        """What the wearer's arm does besides: trembles, pushes against the assist. True: ask again soon."""
-        opposing, tremor = map(self._board.get, PUSHING)
-        push_nm = 0.0 if tremor is None else tremor_torque_nm(tremor, now_ns)
-        if opposing is not None and assist_nm:
-            push_nm -= math.copysign(opposing["torque_nm"], assist_nm)
-            opposing.took_effect("push" in self._obeyed)
-        if push_nm != self._pushed_nm:
-            self._pushed_nm = push_nm
-            self._command(f"push {push_nm:.4f}")
-        return opposing is not None or tremor is not None
+        """Type what the wearer's arm does besides. True while it does anything: ask again soon."""
+        torque_nm = push_nm(self._board, assist_nm, now_ns)
+        if (against := opposing(self._board, assist_nm)) is not None:
+            against.took_effect("push" in self._obeyed)
+        if torque_nm != self._pushed_nm:
+            self._pushed_nm = torque_nm
+            self._command(f"push {torque_nm:.4f}")
+        return any(self._board.get(fault) is not None for fault in PUSHING)
 
     def obeyed(self, command: str) -> None:
         """The device's log has the command."""
         word = command.split()[0]
         self._obeyed.add(word)
         if word == "overrun":
-            waiting = (one for one in self._board.all if one.step.fault == _OVERRUN and one.effects < one.strikes)
+            waiting = (one for one in self._board.all if one.step.fault == OVERRUN and one.effects < one.strikes)
             if (active := next(waiting, None)) is not None:
                 active.took_effect()
 
     def saw(self, row: Mapping[str, Any]) -> None:
         """A line of the device's log, with faults under way."""
         torque = any(row[part] for part in ("assist_nm", "gravity_nm", "follow_nm"))
-        for fault, command in _LASTING.items():
-            active = self._board.get(fault)
-            # A lag does nothing to a motor that gives no torque.
-            if active is not None and command in self._obeyed and (torque or command != "lag"):
+        for active in acting(self._board, torque):
+            if _COMMANDS[active.step.fault] in self._obeyed:
                 active.took_effect()

@@ -38,10 +38,10 @@ def test_the_devices_tick_takes_its_turn_among_those_of_one_time(monkeypatch: py
     world = Lockstep(scenario.model_copy(update={"device": punctual}))
     said: list[str] = []
     monkeypatch.setattr(world.bridge, "start", lambda: None)
-    monkeypatch.setattr(world, "_device_tick", lambda now_ns: said.append(f"tick {now_ns // MS}"))
-    world.at(3 * MS, lambda: said.append("early"))
-    world.at(2 * MS + 1, lambda: world.at(3 * MS, lambda: said.append("late")))
-    world.at(1, lambda: world.at(0, lambda: said.append("past")))
+    monkeypatch.setattr(world, "_tick", lambda now_ns: said.append(f"tick {now_ns // MS}"))
+    world.clock.at(3 * MS, lambda: said.append("early"))
+    world.clock.at(2 * MS + 1, lambda: world.clock.at(3 * MS, lambda: said.append("late")))
+    world.clock.at(1, lambda: world.clock.at(0, lambda: said.append("past")))
     world.run()
     assert said == ["past", "tick 1", "tick 2", "early", "tick 3", "late", "tick 4", "tick 5"]
     assert world.clock.time_ns == 5 * MS
