@@ -17,15 +17,15 @@ from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
 from scenarios.format.schema import BusPart, Scenario
 from scenarios.live import intruder
-from scenarios.live.bridge_log import missing_ticks
-from scenarios.live.bus_faults import OF_THE_WIRE, SimulatedWire
+from scenarios.live.bridge_life import AWAY, BridgeLife
 from scenarios.live.clock import LiveClock
-from scenarios.live.device_log import Ages, device_now
-from scenarios.live.happened import Happened
+from scenarios.live.device_world import DeviceWorld
 from scenarios.live.intruder import LiveIntruder
-from scenarios.live.life import AWAY, BridgeLife
+from scenarios.live.logs.bridge import missing_ticks
+from scenarios.live.logs.device import Ages, device_now
+from scenarios.live.logs.happened import Happened
 from scenarios.live.processes import DeviceHandle, LiveProcess, await_ready
-from scenarios.live.world import DeviceWorld
+from scenarios.live.wire import OF_THE_WIRE, SimulatedWire
 from scenarios.signals.bridge import absent_bridge, bridge_signals
 from scenarios.signals.tracks import Value
 from scenarios.world.arm import PUSHING

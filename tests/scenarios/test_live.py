@@ -17,14 +17,14 @@ from hilbridge.records import CameraFrame, GazeSample
 from scenarios import cli
 from scenarios.format.collect import collect
 from scenarios.format.schema import Expectation, Scenario, Step, dump_scenario, scenario_of
-from scenarios.live.bridge_log import missing_ticks, put_bridge
-from scenarios.live.device_log import assist_figures, device_columns
-from scenarios.live.happened import Happened
+from scenarios.live.bridge.senses import EdgeSource
+from scenarios.live.device_world import DeviceWorld
 from scenarios.live.intruder import LiveIntruder
+from scenarios.live.logs.bridge import missing_ticks, put_bridge
+from scenarios.live.logs.device import assist_figures, device_columns
+from scenarios.live.logs.happened import Happened
 from scenarios.live.possible import impossible_live
 from scenarios.live.run import judge_live, with_margin
-from scenarios.live.senses import EdgeSource
-from scenarios.live.world import DeviceWorld
 from scenarios.runner import sort_out
 from scenarios.signals.tracks import Tracks
 from scenarios.verdict.judging import FaultCount

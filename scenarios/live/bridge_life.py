@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hilbridge.bus.port.spec import BusSpec
 from scenarios.format.schema import Scenario
-from scenarios.live.bridge import Job, Order
+from scenarios.live.bridge.process import Job, Order
 from scenarios.live.processes import BridgeHandle
 
 # What a bridge is while one of these is under way, or since.

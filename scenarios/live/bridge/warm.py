@@ -5,10 +5,10 @@ from __future__ import annotations
 import typer  # noqa: F401
 
 import firmware_sim.node
-import scenarios.live.bridge
+import scenarios.live.bridge.process
 from scenarios.world.parts import bundle, codec
 
 assert firmware_sim.node
-assert scenarios.live.bridge
+assert scenarios.live.bridge.process
 bundle()
 codec()

@@ -26,8 +26,8 @@ from hilbridge.runtime.assemble import build_node, meta_row
 from hilbridge.runtime.judge import judge_by
 from hilbridge.runtime.live import LiveBridge
 from scenarios.format.schema import Scenario
-from scenarios.live.port import TappedPort
-from scenarios.live.senses import edge_senses
+from scenarios.live.bridge.port import TappedPort
+from scenarios.live.bridge.senses import edge_senses
 from scenarios.world.fault_board import FaultBoard
 from scenarios.world.intent import make_predictor
 from scenarios.world.parts import parts_of
