@@ -19,7 +19,8 @@ from typing import Any
 import joblib
 
 from hilbridge.errors import InputError
-from scenarios.format.schema import Expectation, Scenario, Step, dump_scenario, scenario_of
+from scenarios.format.files import dump_scenario, scenario_of
+from scenarios.format.schema import Expectation, Scenario, Step
 from scenarios.format.vocabulary import FAULTS
 from scenarios.lockstep.run import run_scenario
 from scenarios.signals.stl import first_ms

@@ -11,7 +11,7 @@ import markupsafe
 import numpy as np
 
 from hilbridge.observe.report import STATE_COLOURS, as_svg
-from scenarios.format.schema import dump_scenario
+from scenarios.format.files import dump_scenario
 from scenarios.signals.trace import Trace
 from scenarios.verdict.outcome import Run
 from scenarios.world.parts import parts_of

@@ -8,7 +8,8 @@ import pytest
 
 from scenarios.campaign import Sample, base_scenario, run_sample, samples_of, scenario_for
 from scenarios.format.collect import collect, unfold
-from scenarios.format.schema import Scenario, dump_scenario, load_scenario, scenario_of
+from scenarios.format.files import dump_scenario, load_scenario, scenario_of
+from scenarios.format.schema import Scenario
 from scenarios.format.vocabulary import FAULTS
 from scenarios.lockstep.engine import MS, Lockstep
 from scenarios.lockstep.run import run_scenario

@@ -16,7 +16,8 @@ from hilbridge.bus.port.spec import parse_spec
 from hilbridge.records import CameraFrame, GazeSample
 from scenarios import cli
 from scenarios.format.collect import collect
-from scenarios.format.schema import Expectation, Scenario, Step, dump_scenario, scenario_of
+from scenarios.format.files import dump_scenario, scenario_of
+from scenarios.format.schema import Expectation, Scenario, Step
 from scenarios.live.bridge.senses import EdgeSource
 from scenarios.live.device_world import DeviceWorld
 from scenarios.live.intruder import LiveIntruder

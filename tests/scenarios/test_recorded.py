@@ -14,7 +14,8 @@ from hilbridge.observe.recording import read_recording
 from hilbridge.records import FeatureVector
 from hilbridge.sensors.models import hand_model_path, hand_model_problem
 from hilbridge.wearer.person import Wearer
-from scenarios.format.schema import Scenario, Session, dump_scenario, load_scenario, scenario_of
+from scenarios.format.files import dump_scenario, load_scenario, scenario_of
+from scenarios.format.schema import Scenario, Session
 from scenarios.lockstep.run import run_scenario
 from scenarios.verdict.outcome import Run
 from scenarios.world.parts import bundle

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hilbridge.errors import InputError
 from scenarios.format.durations import format_duration, parse_duration_ns
-from scenarios.format.schema import load_scenario, scenario_of
+from scenarios.format.files import load_scenario, scenario_of
 from scenarios.format.vocabulary import FAULTS
 
 GOOD = """\
