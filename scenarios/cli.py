@@ -119,7 +119,7 @@ def campaign(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Strike every fault at many instants in every gate state; rank by how near each run came to hurting somebody."""
+    """Inject every fault at many instants in every gate state; rank by how near each run came to hurting somebody."""
     from scenarios.campaign import run_campaign, samples_of
     from scenarios.format.files import load_scenario
     from scenarios.terminal import print_campaign, progress_bar

@@ -132,7 +132,7 @@ Intent = Annotated[
 
 
 class Step(_Part):
-    """One fault and when it strikes: `at` a time, `every` so often from `at` on, or `when` a condition first holds."""
+    """One fault and when it is injected: `at` a time, `every` so often from `at` on, or `when` a condition first holds."""
 
     fault: str
     at: Duration | None = None
@@ -230,7 +230,7 @@ class Scenario(_Part):
             raise ValueError("`duration` must be above zero")
         for number, step in enumerate(self.steps):
             if step.at is not None and step.at >= self.duration:
-                late = f"strikes at {step.at / 1e9:g} s, after the end at {self.duration / 1e9:g} s"
+                late = f"begins at {step.at / 1e9:g} s, after the end at {self.duration / 1e9:g} s"
                 raise PydanticCustomError("step", "{why}", {"why": late, "step": number, "key": "at"})
         return self
 

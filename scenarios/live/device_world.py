@@ -51,7 +51,7 @@ class DeviceWorld:
         word = command.split()[0]
         self._obeyed.add(word)
         if word == "overrun":
-            waiting = (one for one in self._board.all if one.step.fault == OVERRUN and one.effects < one.strikes)
+            waiting = (one for one in self._board.all if one.step.fault == OVERRUN and one.effects < one.injections)
             if (active := next(waiting, None)) is not None:
                 active.took_effect()
 

@@ -1,4 +1,4 @@
-"""The director of a live run: starts bridge and device, strikes each fault when it is due, follows both logs, ends all.
+"""The director of a live run: starts bridge and device, injects each fault when it is due, follows both logs, ends all.
 
 Everything here is one loop of a few milliseconds; what happened when is read off the processes' own stamps, so that a
 late look changes no verdict.
@@ -16,7 +16,7 @@ from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
 from scenarios.format.schema import BusPart, Scenario
-from scenarios.live import intruder
+from scenarios.format.vocabulary import INTRUDER_FAULTS, WIRE_FAULTS
 from scenarios.live.bridge_life import AWAY, BridgeLife
 from scenarios.live.clock import LiveClock
 from scenarios.live.device_world import DeviceWorld
@@ -25,7 +25,7 @@ from scenarios.live.logs.bridge import missing_ticks
 from scenarios.live.logs.device import Ages, device_now
 from scenarios.live.logs.happened import Happened
 from scenarios.live.processes import DeviceHandle, LiveProcess, await_ready
-from scenarios.live.wire import OF_THE_WIRE, SimulatedWire
+from scenarios.live.wire import SimulatedWire
 from scenarios.signals.bridge import absent_bridge, bridge_signals
 from scenarios.signals.tracks import Value
 from scenarios.world.arm import PUSHING
@@ -83,7 +83,7 @@ class Director:
         self._device = DeviceHandle(self.spec, self.folder, self.scenario.device.arm, seconds + _GRACE_S)
         self._bridge = BridgeLife(self.scenario, self.spec, self.folder)
         await_ready(self._device, self._bridge.handle)
-        if any(step.fault in intruder.FAULTS for step in self.scenario.steps):
+        if any(step.fault in INTRUDER_FAULTS for step in self.scenario.steps):
             self._intruder = LiveIntruder(device_spec(str(self.spec)), self.scenario.seed)
         self.happened.start_ns = self._clock.start_ns = time.monotonic_ns() + _LEAD_NS
         self._bridge.go(self.happened.start_ns)
@@ -195,13 +195,13 @@ class Director:
             self._send_away(number, active, now_ns)
         elif self._wire is not None and self._wire.can(active):
             self._wire.begin(active)
-        elif fault in intruder.FAULTS:
+        elif fault in INTRUDER_FAULTS:
             assert self._intruder is not None
             self._intruder.begin(active, time.monotonic_ns())
         elif fault.startswith("device."):
             self._world.change(active)
         elif _within_the_bridge(active):
-            self._life.order(("strike", number, now_ns))
+            self._life.order(("inject", number, now_ns))
         if fault in PUSHING:
             self._push()
 
@@ -214,7 +214,7 @@ class Director:
             self._count_missing(number, self._still_from.pop(number), now_ns)
         elif self._wire is not None and self._wire.can(active):
             self._wire.end(active)
-        elif fault in intruder.FAULTS:
+        elif fault in INTRUDER_FAULTS:
             assert self._intruder is not None
             self._intruder.end(active)
         elif fault.startswith("device."):
@@ -250,12 +250,12 @@ class Director:
                 self._clock.at(now_ns + round(active["down_ms"] * MS), self._come_back)
 
     def _come_back(self) -> None:
-        strikes = tuple(
+        faults = tuple(
             (number, active.from_ns)
             for number, active in enumerate(self.board.all)
             if self.board.get(active.step.fault) is active and _within_the_bridge(active)
         )
-        if not self._life.go(self.happened.start_ns, strikes):  # a slow computer: as soon as it can
+        if not self._life.go(self.happened.start_ns, faults):  # a slow computer: as soon as it can
             self._clock.at(self._clock.now_ns() + _SOON_NS, self._come_back)
 
     def _count_missing(self, number: int, from_ns: int, until_ns: int) -> None:
@@ -281,5 +281,5 @@ def own_bus(scenario: Scenario, spec: BusSpec) -> BusSpec:
 def _within_the_bridge(active: Active) -> bool:
     """Whether the bridge's own process carries the fault out: sensors, the wearer before them, taps of its port."""
     fault = active.step.fault
-    elsewhere = fault in (*AWAY, *intruder.FAULTS, *OF_THE_WIRE, "wearer.opposing")
+    elsewhere = fault in (*AWAY, *INTRUDER_FAULTS, *WIRE_FAULTS, "wearer.opposing")
     return not elsewhere and not fault.startswith("device.")

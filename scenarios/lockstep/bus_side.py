@@ -14,7 +14,6 @@ from scenarios.format.schema import BusPart
 from scenarios.lockstep.clock import WorldClock
 from scenarios.world.fault_board import FOREVER_NS, Active, FaultBoard
 
-FAULTS = ("bus.cut", "bus.bus_off")
 _NODES = ("bridge", "device", "intruder")
 _SENT_BY_BRIDGE = (0x060, 0x061, 0x120, 0x300)
 _DESTROYED = 40  # frames in a row: TEC + 8 each, so 32 of one transmitter make it bus-off at 256
@@ -46,7 +45,7 @@ class BusSide:
             dropped()
 
     def begin(self, active: Active) -> None:
-        """bus.cut, bus.bus_off."""
+        """One of `vocabulary.WIRE_FAULTS`."""
         if active.step.fault == "bus.bus_off":
             self._forcing_off = active
         self._use_faults()
@@ -64,7 +63,7 @@ class BusSide:
             self._use_faults()
 
     def effects(self) -> dict[str, int]:
-        """How often each kind of wire fault has struck, over the whole run."""
+        """How often each kind of wire fault took effect, over the whole run."""
         self._keep_effects()
         return dict(self._effects)
 

@@ -13,7 +13,7 @@ import random
 from collections.abc import Mapping
 
 from scenarios.format.schema import Scenario
-from scenarios.lockstep import bus_side, intruder
+from scenarios.format.vocabulary import INTRUDER_FAULTS, WIRE_FAULTS
 from scenarios.lockstep.bridge_side import BridgeSide
 from scenarios.lockstep.bus_side import BusSide
 from scenarios.lockstep.clock import WorldClock
@@ -87,9 +87,9 @@ class Lockstep:
         fault = active.step.fault
         if fault.startswith("bridge."):
             self.bridge.begin(active)
-        elif fault in intruder.FAULTS:
+        elif fault in INTRUDER_FAULTS:
             self.intruder.begin(active)
-        elif fault in bus_side.FAULTS:
+        elif fault in WIRE_FAULTS:
             self.bus.begin(active)
         elif fault.startswith("device."):
             self.device_side.begin(active)
@@ -101,7 +101,7 @@ class Lockstep:
             self.bridge.end(active)
         elif fault == "bus.stale_queue":
             self.intruder.release(self.bridge.tap.release())
-        elif fault in bus_side.FAULTS:
+        elif fault in WIRE_FAULTS:
             self.bus.end(active)
         elif fault.startswith("device.") or fault in PUSHING:
             self.device_side.end(active)

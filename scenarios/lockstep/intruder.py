@@ -7,6 +7,7 @@ from functools import partial
 from firmware_sim import frames as layout
 from hilbridge.bus.model.events import Enqueued
 from hilbridge.bus.model.frames import WireFrame
+from hilbridge.core.bridge import STOP_GAP_NS, STOP_REPEATS
 from scenarios.format.schema import Scenario
 from scenarios.lockstep.bus_side import BusSide
 from scenarios.lockstep.clock import WorldClock
@@ -15,10 +16,7 @@ from scenarios.world.forger import Forger
 from scenarios.world.tap import Tap
 
 MS = 1_000_000
-FAULTS = ("bus.babble", "bus.replay", "bus.forge", "bus.stop")
 _QUEUE_LIMIT = 2048  # more than a stale queue holds
-_STOP_REPEATS = 3
-_STOP_GAP_NS = 10 * MS
 
 
 class Intruder:
@@ -35,7 +33,7 @@ class Intruder:
         self.dropped = 0
 
     def begin(self, active: Active) -> None:
-        """One of `FAULTS`."""
+        """One of `vocabulary.INTRUDER_FAULTS`."""
         match active.step.fault:
             case "bus.babble":
                 self._babble(active)
@@ -44,8 +42,8 @@ class Intruder:
             case "bus.forge":
                 self._forge(active)
             case "bus.stop":
-                for repeat in range(_STOP_REPEATS):
-                    self._at(self._clock.time_ns + repeat * _STOP_GAP_NS, active, layout.STOP, b"")
+                for repeat in range(STOP_REPEATS):
+                    self._at(self._clock.time_ns + repeat * STOP_GAP_NS, active, layout.STOP, b"")
 
     def release(self, queue: list[tuple[int, bytes]]) -> None:
         """Frames that waited in a dead queue go out together."""

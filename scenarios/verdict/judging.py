@@ -27,10 +27,10 @@ class Judgement:
 
 @dataclass(frozen=True, slots=True)
 class FaultCount:
-    """One step: how often it struck, and how often that took effect."""
+    """One step: how often it was injected, and how often that took effect."""
 
     fault: str
-    strikes: int
+    injections: int
     effects: int
 
     @property
@@ -72,7 +72,9 @@ class Result:
             for j in self.judgements
             if not j.holds
         ]
-        return lines + [f"fault {f.fault} never took effect ({f.strikes} strikes)" for f in self.faults if not f.worked]
+        return lines + [
+            f"fault {f.fault} never took effect ({f.injections} injections)" for f in self.faults if not f.worked
+        ]
 
     def as_json(self) -> dict[str, Any]:
         """For machines: infinities and NaN as null."""

@@ -61,7 +61,7 @@ class Player:
 
     def _inject(self, number: int) -> None:
         now_ns, step = self._clock.now_ns(), self._board.steps[number]
-        active = self._board.strike(number, now_ns)
+        active = self._board.inject(number, now_ns)
         self._executor.tell(now_ns, self._board.signals(), f"fault: {step.fault} begins")
         self._executor.begin(number, active, now_ns)
         if step.for_ is not None:
@@ -71,7 +71,7 @@ class Player:
             self._clock.at(now_ns + _INSTANT_NS, partial(self._finish, number))
         if step.every is not None:
             # From the step's own time on: a live run that is late once is not late ever after.
-            self._clock.at((step.at or 0) + active.strikes * step.every, partial(self._inject, number))
+            self._clock.at((step.at or 0) + active.injections * step.every, partial(self._inject, number))
 
     def _finish(self, number: int) -> None:
         now_ns = self._clock.now_ns()

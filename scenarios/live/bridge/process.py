@@ -45,9 +45,9 @@ class Job:
 
 
 # What the director tells a bridge process: a word and numbers.
-#   go EPOCH_NS STRIKES    the scenario's time 0 on the monotonic clock; tick from then on, or from now if it is past;
+#   go EPOCH_NS FAULTS     the scenario's time 0 on the monotonic clock; tick from then on, or from now if it is past;
 #                          (STEP, NOW_NS) of the faults that are under way already
-#   strike STEP NOW_NS     a fault of this process begins, at NOW_NS of the scenario's time
+#   inject STEP NOW_NS     a fault of this process begins, at NOW_NS of the scenario's time
 #   end STEP               ... and ends
 #   stall SECONDS          block the event loop for so long
 #   stop                   end after the tick under way
@@ -113,9 +113,9 @@ class BridgeProcess:
 
     def _await_go(self) -> int | None:
         match self._next_order():
-            case ("go", int(epoch_ns), tuple(strikes)):
-                for number, now_ns in strikes:
-                    self._board.strike(number, now_ns)
+            case ("go", int(epoch_ns), tuple(faults)):
+                for number, now_ns in faults:
+                    self._board.inject(number, now_ns)
                 return epoch_ns
         return None
 
@@ -134,8 +134,8 @@ class BridgeProcess:
 
     def _carry_out(self, order: Order) -> None:
         match order:
-            case ("strike", int(number), int(now_ns)):
-                self._board.strike(number, now_ns)
+            case ("inject", int(number), int(now_ns)):
+                self._board.inject(number, now_ns)
             case ("end", int(number)):
                 if self._board.end(number).step.fault == "bus.stale_queue" and self._live is not None:
                     port = self._live.port
