@@ -13,10 +13,10 @@ from hilbridge.errors import InputError
 from hilbridge.observe.recording import Recording
 from hilbridge.rows import CountersRow, DeviceRow, EventRow, MetaRow, Row
 from scenarios.format.schema import Expectation, Scenario
-from scenarios.live.bridge_log import put_bridge
-from scenarios.live.device_log import assist_figures, device_columns
 from scenarios.live.director import Director
-from scenarios.live.happened import Happened
+from scenarios.live.logs.bridge import put_bridge
+from scenarios.live.logs.device import assist_figures, device_columns
+from scenarios.live.logs.happened import Happened
 from scenarios.signals.trace import Trace
 from scenarios.signals.tracks import Tracks
 from scenarios.verdict.figures import figures_of_ticks, zero_after_fault_ms

@@ -55,13 +55,13 @@ def judge_world(world: Lockstep, cpu_s: float, where: str) -> Run:
     """Signals, figures and verdicts of a finished run."""
     scenario = world.scenario
     seconds = scenario.duration / 1e9
-    trace = with_derived(world.tracks.trace(scenario.duration / MS, initial_values(scenario)))
-    counters = world.device.state.counters
+    trace = with_derived(world.log.tracks.trace(scenario.duration / MS, initial_values(scenario)))
+    counters = world.device_side.device.state.counters
     figures = {
         **figures_of_ticks(world.bridge.ticks),
-        "assist_s": world.probe.assist_ms / 1000.0,
-        "assist_energy_j": world.probe.energy_j,
-        "max_assist_nm": world.device.peak_assist_unm * 1e-6,
+        "assist_s": world.device_side.probe.assist_ms / 1000.0,
+        "assist_energy_j": world.device_side.probe.energy_j,
+        "max_assist_nm": world.device_side.device.peak_assist_unm * 1e-6,
         "zero_after_fault_ms": zero_after_fault_ms(trace),
         "trips": float(counters[COUNT_TRIPS]),
         "frames_rejected": float(sum(counters[1:21])),
