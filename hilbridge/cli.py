@@ -303,6 +303,19 @@ def bus_analysis(
 
 
 @app.command()
+def recover(
+    recording: Annotated[Path, typer.Argument(help="a recording that a crash, a kill or a full disk left")],
+    out: Annotated[Path | None, typer.Option(help="the whole file (default: NAME.recovered.mcap beside it)")] = None,
+) -> None:
+    """Make a whole file of a recording that was cut off; the original stays."""
+    from hilbridge.observe.recover import recover as make_whole
+
+    made = make_whole(recording, out)
+    lacked = f"; {made.missing}" if made.missing else "; it was whole already"
+    typer.echo(f"{made.path}: {made.rows} rows{lacked}")
+
+
+@app.command()
 def report(
     recording: Annotated[Path, typer.Argument(help="a recording (.mcap)")],
     out: Annotated[Path | None, typer.Option("--out", help="the page; default: beside the recording")] = None,

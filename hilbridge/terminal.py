@@ -77,6 +77,8 @@ def summary_table(summary: Summary) -> Table:
     }
     for name, value in rows.items():
         table.add_row(f"[dim]{name}[/]", value or "none")
+    if summary.missing:
+        table.add_row("[bold red]not whole[/]", escape(summary.missing))
     return table
 
 

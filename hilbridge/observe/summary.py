@@ -33,6 +33,7 @@ class Summary:
     acts, holds, coverage, act_only_precision, false_assists_per_min: as core.gate_figures defines them; the last two are
     None without a known truth, precision without an ACT, too.
     hold_reasons: HOLD ticks by named reason. assist_s: time in which the device said its assist was not zero.
+    missing: what a recording that is not whole lacks.
     frames_lost: frames that one side sent and the other never had. latency_ms: capture of the picture -> ACT_CMD sent.
     """
 
@@ -54,6 +55,7 @@ class Summary:
     latency_ms: Latency
     sensors: dict[str, SourceAccount] = field(default_factory=dict)
     counters: dict[str, int] = field(default_factory=dict)
+    missing: str | None = None
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)

@@ -19,7 +19,7 @@ from hilbridge.errors import InputError
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import STEP_NS, drop_modality
 from hilbridge.features.packs import read_pack
-from hilbridge.observe.recording import read_recording
+from hilbridge.observe.reading import read_recording
 from hilbridge.records import (
     CameraFrame,
     FeatureVector,

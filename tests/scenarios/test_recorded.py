@@ -10,7 +10,7 @@ from hilbridge.errors import InputError
 from hilbridge.features.layout import GAZE, HANDS, STEP_NS
 from hilbridge.features.packs import write_pack
 from hilbridge.intent.predictor import Predictor
-from hilbridge.observe.recording import read_recording
+from hilbridge.observe.reading import read_recording
 from hilbridge.records import FeatureVector
 from hilbridge.rows import TickRow
 from hilbridge.sensors.models import hand_model_path, hand_model_problem
@@ -170,7 +170,7 @@ def test_missing_short_and_truncated_files_are_one_line(folder: Path, tmp_path: 
         ({"features": cut(folder / "session.npz", tmp_path / "cut.npz")}, "cut.npz: not a whole feature pack"),
         ({"features": pack, "from": "3 s"}, "session.npz: lasts 6.00 s, the scenario needs 7.00 s of it"),
         ({"recording": str(tmp_path / "none.mcap")}, "none.mcap: no such file"),
-        ({"recording": cut(folder / "run.mcap", tmp_path / "cut.mcap")}, "cut.mcap: not a whole recording"),
+        ({"recording": cut(folder / "run.mcap", tmp_path / "cut.mcap")}, "cut.mcap: lasts"),
         ({"recording": run, "from": "1 s"}, "run.mcap: lasts"),
         ({"video": str(tmp_path / "none.avi"), "gaze": gaze}, "none.avi: no such file"),
         ({"video": str(tmp_path / "no.avi"), "gaze": gaze}, "no.avi: not a whole video"),

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from hilbridge.observe.recording import read_recording
+from hilbridge.observe.reading import read_recording
 from hilbridge.observe.summary import summarise
 from scenarios.format.collect import collect
 from scenarios.format.schema import Scenario

@@ -16,7 +16,7 @@ from firmware_sim.attachment import Attachment
 from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.port.spec import BusSpec, parse_spec
 from hilbridge.errors import InputError
-from hilbridge.observe.recording import read_recording
+from hilbridge.observe.reading import read_recording
 from scenarios.format.files import dump_scenario, scenario_of
 from scenarios.format.schema import Scenario, Session
 from scenarios.live.run import run_live
