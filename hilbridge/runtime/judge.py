@@ -2,32 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any, Protocol
+from collections.abc import Callable
+from typing import Protocol
 
+from hilbridge.rows import GroundTruth
 from hilbridge.verbs import VERBS
 
-# (now_ns, index of the decision's verb) -> entries of the tick's row.
-Judge = Callable[[int, int | None], Mapping[str, Any]]
+# (now_ns, index of the decision's verb) -> the ground truth of that moment; None where it is not known.
+Judge = Callable[[int, int | None], GroundTruth | None]
 
 
 class Mind(Protocol):
-    """What is known of a wearer's intention at one moment: `wearer.person.Truth`, or that nothing is known."""
+    """A wearer's intention at one moment, as `wearer.person.Truth` has it."""
 
     @property
     def intended(self) -> int | None: ...
 
-    def is_right(self, verb_index: int) -> bool | None: ...
+    def is_right(self, verb_index: int) -> bool: ...
 
 
-def judged(mind: Mind, verb_index: int | None) -> dict[str, Any]:
-    """The ground truth of one tick and whether the decision's verb is right; None where that has no answer."""
-    return {
-        "truth": None if mind.intended is None else VERBS[mind.intended],
-        "right": None if verb_index is None else mind.is_right(verb_index),
-    }
+def judged(mind: Mind | None, verb_index: int | None) -> GroundTruth | None:
+    """A decision for `verb_index` (None: for no verb) against that intention; None where nobody knows it."""
+    if mind is None:
+        return None
+    intended = None if mind.intended is None else VERBS[mind.intended]
+    return GroundTruth(intended, None if verb_index is None else mind.is_right(verb_index))
 
 
-def judge_by(truth: Callable[[int], Mind], epoch_ns: int) -> Judge:
+def judge_by(truth: Callable[[int], Mind | None], epoch_ns: int) -> Judge:
     """A judge by a wearer whose time begins at `epoch_ns` of the bridge's clock; `truth` takes the wearer's time."""
     return lambda now_ns, verb_index: judged(truth(max(0, now_ns - epoch_ns)), verb_index)

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
+from hilbridge.rows import DeviceRow
 from scenarios.world.arm import PUSHING, opposing, push_nm
 from scenarios.world.device_faults import BIAS, ENCODER, LAG, OVERRUN, acting, broken
 from scenarios.world.fault_board import Active, FaultBoard
@@ -55,9 +55,9 @@ class DeviceWorld:
             if (active := next(waiting, None)) is not None:
                 active.took_effect()
 
-    def saw(self, row: Mapping[str, Any]) -> None:
+    def saw(self, row: DeviceRow) -> None:
         """A line of the device's log, with faults under way."""
-        torque = any(row[part] for part in ("assist_nm", "gravity_nm", "follow_nm"))
+        torque = any((row.assist_nm, row.gravity_nm, row.follow_nm))
         for active in acting(self._board, torque):
             if _COMMANDS[active.step.fault] in self._obeyed:
                 active.took_effect()

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import random
-from typing import Any
 
 from hilbridge.bus.model.error_frames import ErrorState
 from hilbridge.bus.simulated.protocol import Arrival
 from hilbridge.core.bridge import BridgeConfig
 from hilbridge.records import Frame
+from hilbridge.rows import EventRow, TickRow, received_row, sent_row, with_truth
 from hilbridge.runtime.assemble import assemble_node
 from hilbridge.runtime.judge import judged
 from hilbridge.runtime.node import Tick
@@ -42,10 +42,11 @@ class BridgeSide:
         self._body = body
         self.tap = Tap("bridge", board, scenario.seed)
         self.senses = VirtualSenses(scenario, clock, board, body, lambda: self.alive and not self._hung)
-        self.ticks: list[dict[str, Any]] = []
+        self.ticks: list[TickRow] = []
         self.alive = True
         self._hung = self._stalled = False
         self.ticks_missed = 0
+        self.frames_sent = self.frames_received = 0
         self.send_failed = 0
         self._frames_lost_before = 0  # known to processes that died since
         self._nonces = random.Random(f"{scenario.seed}.nonces")
@@ -60,7 +61,7 @@ class BridgeSide:
             DEMO_KEY,
             lambda: self._nonces.getrandbits(32),
             BridgeConfig(),
-            lambda now_ns, text: self._log.record("/event", now_ns, {"text": text}),
+            lambda now_ns, text: self._log.record(EventRow(now_ns, text)),
             self.predictor,
         )
         self.sight = self.senses.sight = Sight(make_assembler(self._scenario))
@@ -113,12 +114,11 @@ class BridgeSide:
             self._notice(chip)
 
     def _receive(self, now_ns: int) -> None:
+        self.frames_received += len(self._inbox)
         for frame in self._inbox:
             decoded, answers = self.node.receive(frame, frame.received_ns)
             if self._log.is_recorded:
-                name = None if decoded is None else decoded.name
-                row = {"dir": "rx", "id": frame.can_id, "data": frame.data.hex(), "name": name}
-                self._log.record("/can", now_ns, {**row, "received_ns": frame.received_ns})
+                self._log.record(received_row(frame, None if decoded is None else decoded.name, now_ns))
             if answers:
                 self._send(answers)
         self._inbox.clear()
@@ -133,9 +133,10 @@ class BridgeSide:
 
     def _send(self, frames: list[Frame]) -> None:
         now_ns = self._clock.time_ns
+        self.frames_sent += len(frames)
         for frame in frames:
             if self._log.is_recorded:
-                self._log.record("/can", now_ns, {"dir": "tx", "id": frame.can_id, "data": frame.data.hex()})
+                self._log.record(sent_row(frame, None, now_ns))
             for when_ns, can_id, data in self.tap.send(frame.can_id, frame.data, now_ns):
                 self._bus.put(self._bus.bridge, when_ns, can_id, data, self._not_sent)
 
@@ -144,10 +145,10 @@ class BridgeSide:
         self.node.bridge.on_send_failed(bus_down=False)
 
     def _note(self, tick: Tick, now_ns: int) -> None:
-        row = tick.row
-        row.update(judged(self._body.calm.truth(now_ns), tick.decision.verb_index))
+        truth = judged(self._body.calm.truth(now_ns), tick.decision.verb_index)
+        row = with_truth(tick.row, truth)
         self.ticks.append(row)
-        self._log.record("/tick", now_ns, row)
+        self._log.record(row)
         self._log.put(now_ns, bridge_signals(row))
 
     # Faults of the process

@@ -12,6 +12,8 @@ from __future__ import annotations
 import random
 from collections.abc import Mapping
 
+from firmware_sim.memory import COUNT_LOST
+from hilbridge.rows import EventRow
 from scenarios.format.schema import Scenario
 from scenarios.format.vocabulary import INTRUDER_FAULTS, WIRE_FAULTS
 from scenarios.lockstep.bridge_side import BridgeSide
@@ -20,6 +22,7 @@ from scenarios.lockstep.clock import WorldClock
 from scenarios.lockstep.device_side import DeviceSide
 from scenarios.lockstep.intruder import Intruder
 from scenarios.lockstep.run_log import Record, RunLog
+from scenarios.signals.device import DEVICE_COUNTERS
 from scenarios.world.arm import PUSHING
 from scenarios.world.fault_board import Active, FaultBoard
 from scenarios.world.script import Player
@@ -63,7 +66,8 @@ class Lockstep:
     def counters(self) -> dict[str, int]:
         """Everything that was counted on both sides and on the wire."""
         side, device = self.bridge, self.device_side
-        controller = {f"device.{index}": value for index, value in enumerate(device.device.state.counters)}
+        counted = zip(DEVICE_COUNTERS, device.device.state.counters, strict=True)
+        controller = {f"device.{name}": value for name, value in counted}
         wire = {f"wire.{name}": value for name, value in side.node.wire.counters.items()}
         effects = {f"medium.{name}": times for name, times in sorted(self.bus.effects().items())}
         sent = {
@@ -73,14 +77,25 @@ class Lockstep:
             "device.tap_lost": device.tap.lost,
             "intruder.send_dropped": self.intruder.dropped,
         }
-        return {**controller, **wire, **effects, **sent, "bridge.ticks_missed": side.ticks_missed}
+        totals = {
+            "frames_sent": side.frames_sent,
+            "frames_received": side.frames_received,
+            "frames_lost": self.frames_lost,
+            "ticks_missed": side.ticks_missed,
+        }
+        return {**totals, **controller, **wire, **effects, **sent}
+
+    @property
+    def frames_lost(self) -> int:
+        """Frames that one side sent and the other knows it missed."""
+        return self.device_side.device.state.counters[COUNT_LOST] + self.bridge.frames_lost
 
     # The script's executor
 
     def tell(self, now_ns: int, signals: Mapping[str, bool], text: str) -> None:
         """Faults under way, as signals and as a row."""
         self.log.put(now_ns, signals)
-        self.log.record("/event", now_ns, {"text": text})
+        self.log.record(EventRow(now_ns, text))
 
     def begin(self, number: int, active: Active, now_ns: int) -> None:
         """Hand a fault to the part that carries it out. Sensors, wearer and taps look at the board by themselves."""

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import Any
 
+from hilbridge.rows import Row
 from scenarios.signals.tracks import Tracks, Value
 
 MS = 1_000_000
-Record = Callable[[str, int, Mapping[str, Any]], None]
+Record = Callable[[Row], None]
 
 
 class RunLog:
@@ -29,5 +29,5 @@ class RunLog:
             self.tracks.put(time_ms, name, value)
 
 
-def _unrecorded(topic: str, time_ns: int, row: Mapping[str, Any]) -> None:
+def _unrecorded(row: Row) -> None:
     """Where nobody keeps a recording."""

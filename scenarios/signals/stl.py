@@ -5,7 +5,7 @@ part of their window that the trace has; robustness of `x >= c` is x - c; of a w
 
     always (gate.act -> device.armed)
     always (rise(fault.gaze) -> eventually[0, 150 ms] device.assist_nm == 0)
-    device.state == FOLLOW until[0, 5 s] device.state == READY
+    device.state == Follow until[0, 5 s] device.state == Ready
 """
 
 from __future__ import annotations

@@ -112,7 +112,7 @@ def test_assist_that_goes_on_while_the_bridge_hangs_is_assist_nobody_asks_for() 
 
 
 def test_a_fault_that_never_takes_effect_fails_its_scenario() -> None:
-    never = acting({"fault": "gaze.off", "when": "device.state == PASSIVE"})
+    never = acting({"fault": "gaze.off", "when": "device.state == Passive"})
     result = run_scenario(never).result
     assert not result.passed
     assert result.problems() == ["fault gaze.off never took effect (0 injections)"]
