@@ -120,7 +120,7 @@ class BackgroundRecording:
             if self._failure is None:
                 try:
                     self._recording.write(row)
-                except (OSError, ValueError, TypeError) as failure:
+                except (OSError, ValueError, TypeError, struct.error) as failure:
                     self._failure = failure
         try:
             if self._discarded:

@@ -87,7 +87,8 @@ def live_trace(scenario: Scenario, happened: Happened) -> Trace:
     put_bridge(tracks, happened.ticks, happened.away)
     trace = tracks.trace(scenario.duration / MS, initial_values(scenario))
     columns = device_columns(happened.device_lines, happened.start_ns, trace.length)
-    return with_derived(Trace(trace.step_ms, trace.length, {**trace.values, **columns}))
+    silent = trace.silent - columns.keys()
+    return with_derived(Trace(trace.step_ms, trace.length, {**trace.values, **columns}, silent))
 
 
 def last_counters(happened: Happened) -> dict[str, int]:

@@ -47,4 +47,4 @@ def initial_values(scenario: Scenario) -> dict[str, float | str | bool]:
 def with_derived(trace: Trace) -> Trace:
     """Signals that follow from others."""
     values = {**trace.values, "device.assist_rise_nm_s": assist_rise_nm_s(trace)}
-    return Trace(trace.step_ms, trace.length, values)
+    return Trace(trace.step_ms, trace.length, values, trace.silent)

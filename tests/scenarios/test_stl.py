@@ -61,7 +61,7 @@ def trace() -> Trace:
     return sample_and_hold(
         {
             "gate.act": [(0, False), (4, True)],
-            "device.state": [(0, "FOLLOW"), (5, "READY")],
+            "device.state": [(0, "Follow"), (5, "Ready")],
             "device.assist_nm": [(0, 1.0), (10, 3.0)],
         },
         20,
@@ -117,7 +117,7 @@ def test_a_misspelt_signal_gets_the_nearest_name(trace: Trace) -> None:
 
 
 def test_conditions_on_one_sample() -> None:
-    values: dict[str, float | str | bool] = {"device.state": "ASSIST", "gate.confidence": 0.7, "armed": True}
+    values: dict[str, float | str | bool] = {"device.state": "Assist", "gate.confidence": 0.7, "armed": True}
     assert holds_now("device.state == Assist and gate.confidence > 0.5 and armed", values)
     assert not holds_now("device.state == Ready", values)
     with pytest.raises(UnknownSignal):
