@@ -49,6 +49,14 @@ def list_scenarios(paths: Paths, as_json: Json = False) -> None:
 
 
 @app.command()
+def figures() -> None:
+    """What the columns of `run` and the figures of expectations mean."""
+    from scenarios.terminal import print_figures
+
+    print_figures()
+
+
+@app.command()
 def faults() -> None:
     """The vocabulary: every fault with its options, defaults and limits."""
     from scenarios.format.vocabulary import FAULTS

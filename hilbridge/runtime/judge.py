@@ -8,12 +8,12 @@ from typing import Protocol
 from hilbridge.rows import GroundTruth
 from hilbridge.verbs import VERBS
 
-# (now_ns, index of the decision's verb) -> the ground truth of that moment; None where it is not known.
+# (now_ns, index of the decision's verb) -> what is true then; None where nobody knows.
 Judge = Callable[[int, int | None], GroundTruth | None]
 
 
 class Mind(Protocol):
-    """A wearer's intention at one moment, as `wearer.person.Truth` has it."""
+    """What is known of a wearer's intention at one moment (`wearer.person.Truth`)."""
 
     @property
     def intended(self) -> int | None: ...
@@ -22,7 +22,7 @@ class Mind(Protocol):
 
 
 def judged(mind: Mind | None, verb_index: int | None) -> GroundTruth | None:
-    """A decision for `verb_index` (None: for no verb) against that intention; None where nobody knows it."""
+    """The ground truth of one tick, and whether the decision's verb is right; None where the intention is not known."""
     if mind is None:
         return None
     intended = None if mind.intended is None else VERBS[mind.intended]

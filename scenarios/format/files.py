@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -33,15 +34,43 @@ def load_scenario(path: Path) -> Scenario:
     try:
         root = yaml.compose(text, Loader=yaml.SafeLoader)
         data = yaml.safe_load(text)
+    except RecursionError:
+        raise InputError(f"{path}:1: nested too deep to be a scenario") from None
     except yaml.YAMLError as error:
         mark = getattr(error, "problem_mark", None)
         line = mark.line + 1 if mark is not None else 1
         raise InputError(f"{path}:{line}: not readable as YAML: {getattr(error, 'problem', error)}") from None
+    for node in _mappings(root):
+        _refuse_doubled(path, node)
     if not isinstance(data, dict):
         raise InputError(f"{path}:1: a scenario is a mapping with `name`, `duration` and `expect`")
     if isinstance(data.get("intent"), dict):
         data["intent"] = _beside(path, data["intent"])
     return scenario_of(data, where=lambda location: f"{path}:{_line(root, location)}")
+
+
+def _mappings(root: yaml.Node | None) -> Iterator[yaml.MappingNode]:
+    waiting, seen = [root], set()
+    while waiting:
+        node = waiting.pop()
+        if id(node) in seen:  # an alias
+            continue
+        seen.add(id(node))
+        if isinstance(node, yaml.MappingNode):
+            yield node
+            waiting += [part for pair in node.value for part in pair]
+        elif isinstance(node, yaml.SequenceNode):
+            waiting += node.value
+
+
+def _refuse_doubled(path: Path, node: yaml.MappingNode) -> None:
+    """YAML's own reader takes the last of two equal keys, and says nothing."""
+    lines: dict[str, int] = {}
+    for key, _ in node.value:
+        line = key.start_mark.line + 1
+        if key.value in lines:
+            raise InputError(f"{path}:{line}: key `{key.value}` stands here and in line {lines[key.value]}; keep one")
+        lines[str(key.value)] = line
 
 
 def _beside(path: Path, session: dict[str, Any]) -> dict[str, Any]:
@@ -65,8 +94,9 @@ def scenario_of(data: dict[str, Any], where: Any = lambda location: "scenario") 
 
 def _location(error: ErrorDetails) -> tuple[int | str, ...]:
     """Where in the file: pydantic's own names for the members of a union (`tuple[Estimate, ...]`) are left out."""
-    if error["type"] == "step":
-        return ("steps", error["ctx"]["step"], error["ctx"]["key"])
+    if error["type"] == "part":
+        place: tuple[int | str, ...] = error["ctx"]["place"]
+        return place
     return tuple(part for part in error["loc"] if isinstance(part, int) or "[" not in part)
 
 

@@ -14,7 +14,9 @@ from pydantic_core import PydanticCustomError
 from hilbridge.verbs import VERBS
 from scenarios.format.durations import Duration
 from scenarios.format.vocabulary import SENSORS, checked_options, fault_kind
-from scenarios.signals.stl import FormulaError, parse
+from scenarios.signals.check import formula_problem
+from scenarios.signals.domains import OF_THE_MIND, domains_of
+from scenarios.signals.stl import signal_names
 
 HAZARDS = tuple(f"H{number}" for number in range(1, 10))
 
@@ -150,10 +152,8 @@ class Step(_Part):
         object.__setattr__(self, "options", checked_options(self.fault, self.options))
         if (self.at is None) == (self.when is None):
             raise ValueError("a step needs either `at` or `when`")
-        if self.when is not None:
-            if self.every is not None:
-                raise ValueError("`every` goes with `at`, not with `when`")
-            _readable(self.when)
+        if self.when is not None and self.every is not None:
+            raise ValueError("`every` goes with `at`, not with `when`")
         if self.every is not None and self.for_ is None and not kind.instant:
             raise ValueError("a step with `every` needs `for`: how long each time")
         if self.every is not None and self.for_ is not None and self.for_ >= self.every:
@@ -179,7 +179,6 @@ class Expectation(_Part):
         if self.that is not None:
             if self.at_least is not None or self.at_most is not None:
                 raise ValueError("`at_least` and `at_most` go with `figure`")
-            _readable(self.that)
         else:
             if self.figure not in FIGURES:
                 near = difflib.get_close_matches(str(self.figure), FIGURES, n=1)
@@ -190,21 +189,21 @@ class Expectation(_Part):
         return self
 
 
-# Figures of a run that an expectation may bound (scenarios/verdict/figures.py computes them).
-FIGURES = (
-    "acts",
-    "holds",
-    "coverage",
-    "act_only_precision",
-    "false_assists_per_min",
-    "assist_s",
-    "assist_energy_j",
-    "max_assist_nm",
-    "zero_after_fault_ms",
-    "trips",
-    "frames_rejected",
-    "frames_lost",
-)
+# Figures of a run that an expectation may bound, with what they mean (scenarios/verdict/figures.py computes them).
+FIGURES = {
+    "acts": "episodes of ACT: runs of ticks that assist one verb",
+    "holds": "episodes of HOLD, the one that a run begins in counted",
+    "coverage": "share of ticks under ACT",
+    "act_only_precision": "share of ticks under ACT whose verb is the wearer's; n/a where none acted or nobody knows",
+    "false_assists_per_min": "episodes of ACT whose first tick assists a wrong verb, a minute",
+    "assist_s": "time in which assist was not zero, in s",
+    "assist_energy_j": "mechanical work of assist and gravity support on the arm, both ways, in J",
+    "max_assist_nm": "largest assist of the run, in N m",
+    "zero_after_fault_ms": "longest time from the begin of a fault under assist until assist is zero, in ms",
+    "trips": "faults that the device counted as trips",
+    "frames_rejected": "frames that the device took in and refused",
+    "frames_lost": "frames that one side sent and the other knows it missed",
+}
 
 
 class Scenario(_Part):
@@ -231,7 +230,23 @@ class Scenario(_Part):
         for number, step in enumerate(self.steps):
             if step.at is not None and step.at >= self.duration:
                 late = f"begins at {step.at / 1e9:g} s, after the end at {self.duration / 1e9:g} s"
-                raise PydanticCustomError("step", "{why}", {"why": late, "step": number, "key": "at"})
+                raise PydanticCustomError("part", "{why}", {"why": late, "place": ("steps", number, "at")})
+        return self
+
+    @model_validator(mode="after")
+    def _judgeable(self) -> Scenario:
+        """Every formula is about signals and words that there are, and can have two verdicts."""
+        domains = domains_of(step.fault for step in self.steps)
+        formulas = [("steps", number, "when", step.when) for number, step in enumerate(self.steps)]
+        formulas += [("expect", number, "that", expectation.that) for number, expectation in enumerate(self.expect)]
+        for section, number, key, formula in formulas:
+            if formula is None:
+                continue
+            why = formula_problem(formula, domains)
+            if why is None and isinstance(self.intent, Session) and (unknown := signal_names(formula) & OF_THE_MIND):
+                why = f"`{unknown.pop()}` has no value here: nobody wrote down what a recorded wearer intended"
+            if why is not None:
+                raise PydanticCustomError("part", "{why}", {"why": why, "place": (section, number, key)})
         return self
 
     @model_validator(mode="after")
@@ -242,12 +257,5 @@ class Scenario(_Part):
             if step.fault in self.intent.unchangeable:
                 source = "features" if self.intent.features is not None else "a video"
                 why = f"`{step.fault}` changes what is seen, which {source} recorded already cannot show"
-                raise PydanticCustomError("step", "{why}", {"why": why, "step": number, "key": "fault"})
+                raise PydanticCustomError("part", "{why}", {"why": why, "place": ("steps", number, "fault")})
         return self
-
-
-def _readable(formula: str) -> None:
-    try:
-        parse(formula)
-    except FormulaError as error:
-        raise ValueError(str(error)) from None

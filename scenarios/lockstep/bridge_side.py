@@ -145,8 +145,7 @@ class BridgeSide:
         self.node.bridge.on_send_failed(bus_down=False)
 
     def _note(self, tick: Tick, now_ns: int) -> None:
-        truth = judged(self._body.calm.truth(now_ns), tick.decision.verb_index)
-        row = with_truth(tick.row, truth)
+        row = with_truth(tick.row, judged(self._body.calm.truth(now_ns), tick.decision.verb_index))
         self.ticks.append(row)
         self._log.record(row)
         self._log.put(now_ns, bridge_signals(row))

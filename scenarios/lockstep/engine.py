@@ -66,8 +66,8 @@ class Lockstep:
     def counters(self) -> dict[str, int]:
         """Everything that was counted on both sides and on the wire."""
         side, device = self.bridge, self.device_side
-        counted = zip(DEVICE_COUNTERS, device.device.state.counters, strict=True)
-        controller = {f"device.{name}": value for name, value in counted}
+        counters = zip(DEVICE_COUNTERS, device.device.state.counters, strict=True)
+        controller = {f"device.{name}": value for name, value in counters}
         wire = {f"wire.{name}": value for name, value in side.node.wire.counters.items()}
         effects = {f"medium.{name}": times for name, times in sorted(self.bus.effects().items())}
         sent = {

@@ -73,8 +73,7 @@ class Result:
     def problems(self) -> list[str]:
         """One line for each thing that failed."""
         lines = [
-            f"{j.name or j.text}: {'margin' if j.value is None else 'value'} "
-            f"{j.margin if j.value is None else j.value:.3g}" + ("" if j.at_ms is None else f" at {j.at_ms:.0f} ms")
+            f"{j.name or j.text}: {_found(j)}" + ("" if j.at_ms is None else f" at {j.at_ms:.0f} ms")
             for j in self.judgements
             if not j.holds
         ]
@@ -88,6 +87,12 @@ class Result:
         row["passed"], row["robustness"] = self.passed, self.robustness
         clean: dict[str, Any] = _finite(row)
         return clean
+
+
+def _found(judgement: Judgement) -> str:
+    if judgement.value is None:
+        return f"margin {judgement.margin:.3g}"
+    return "n/a" if math.isnan(judgement.value) else f"value {judgement.value:.3g}"
 
 
 @dataclass(frozen=True, slots=True)

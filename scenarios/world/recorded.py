@@ -56,7 +56,8 @@ class Person(Protocol):
 
 class _Recorded:
     def truth(self, t_ns: int) -> Mind | None:
-        return None  # nobody wrote down what a recorded wearer was about to do
+        """Nobody wrote down what a recorded wearer was about to do."""
+        return None
 
 
 class Unseen(_Recorded):
