@@ -45,7 +45,7 @@ def test_a_killed_worker_is_survived_and_every_sample_is_there_once(
     base = base_scenario()
     wanted = samples_of(base, 2, 1, ("bus.cut",))
     done: list[str] = []
-    outcomes = run_campaign(base, wanted, tmp_path, jobs=2, cluster=cluster, done=done.append)
+    outcomes = run_campaign(base, wanted, tmp_path, jobs=2, cluster=cluster, progress=done.append)
     assert (tmp_path / "killed").exists()
     assert sorted(outcome.sample.key for outcome in outcomes) == sorted(sample.key for sample in wanted)
     assert len(done) == len(wanted)
