@@ -222,7 +222,7 @@ def run_campaign(
     *,
     jobs: int = -1,
     cluster: str | None = None,
-    done: Callable[[str], None] = lambda name: None,
+    progress: Callable[[str], None] = lambda name: None,
 ) -> list[Outcome]:
     """Run what `out` does not hold yet; all outcomes, the nearest to harm first. Raises InputError.
 
@@ -233,7 +233,7 @@ def run_campaign(
     known = _known(log, base)
     outcomes = [known[sample.key] for sample in samples if sample.key in known]
     for _ in outcomes:
-        done("")
+        progress("")
     left = [sample for sample in samples if sample.key not in known]
     torn = log.exists() and not log.read_bytes().endswith(b"\n")
     with log.open("a", encoding="utf-8") as file, _workers(jobs, cluster) as workers:
@@ -245,7 +245,7 @@ def run_campaign(
             for outcome in _run_chunk(workers, base, left[start : start + _CHUNK]):
                 outcomes.append(outcome)
                 file.write(json.dumps(outcome.as_json()) + "\n")
-                done(outcome.sample.fault)
+                progress(outcome.sample.fault)
                 if not outcome.safe:
                     repeat = dump_scenario(scenario_for(base, outcome.sample))
                     (out / outcome.sample.file_name).write_text(repeat, encoding="utf-8")

@@ -100,8 +100,8 @@ def run(
             f"none of {len(skipped)} scenarios can run live on {spec}: {skipped[0].file}: {skipped[0].why}"
         )
     options = RunOptions(out, seed, 1 if profile else jobs, profile, spec)
-    with progress_bar(len(found), quiet=as_json) as done:
-        results = run_all(found, options, done, skipped)
+    with progress_bar(len(found), quiet=as_json) as progress:
+        results = run_all(found, options, progress, skipped)
     passed = all(result.passed for result in results)
     if as_json:
         not_run = [asdict(one) for one in skipped]
@@ -134,8 +134,8 @@ def campaign(
 
     scenario = load_scenario(base)
     wanted = samples_of(scenario, samples, seed, tuple(fault or ()))
-    with progress_bar(len(wanted), quiet=as_json) as done:
-        outcomes = run_campaign(scenario, wanted, out, jobs=jobs, cluster=cluster, done=done)
+    with progress_bar(len(wanted), quiet=as_json) as progress:
+        outcomes = run_campaign(scenario, wanted, out, jobs=jobs, cluster=cluster, progress=progress)
     bad = [outcome for outcome in outcomes if not outcome.safe]
     if as_json:
         worst = [outcome.as_json() for outcome in outcomes[:20]]
@@ -157,7 +157,7 @@ def minimise(
     from scenarios.minimise import minimise_scenario
 
     scenario = reseeded(load_scenario(path), seed)
-    smaller = minimise_scenario(scenario, say=lambda line: typer.echo(line, err=True))
+    smaller = minimise_scenario(scenario, progress=lambda text: typer.echo(text, err=True))
     target = out or path.with_suffix(".min.yaml")
     target.write_text(dump_scenario(smaller), encoding="utf-8")
     typer.echo(f"{target}: {len(smaller.steps)} of {len(scenario.steps)} faults, {smaller.duration / 1e9:g} s")

@@ -27,7 +27,7 @@ def violations(scenario: Scenario) -> frozenset[str]:
 def minimise_scenario(
     scenario: Scenario,
     fails: Callable[[Scenario], frozenset[str]] = violations,
-    say: Callable[[str], None] = lambda line: None,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> Scenario:
     """The smallest scenario found that still fails. Raises InputError when the given one does not fail."""
     wanted = fails(scenario)
@@ -42,10 +42,10 @@ def minimise_scenario(
         return tried[key]
 
     small = _fewer_steps(scenario, still)
-    say(f"{len(small.steps)} of {len(scenario.steps)} faults left after {len(tried)} runs")
+    progress(f"{len(small.steps)} of {len(scenario.steps)} faults left after {len(tried)} runs")
     small = _shorter(small, still)
     small = _simpler(small, still)
-    say(f"{small.duration / 1e9:g} s long after {len(tried)} runs")
+    progress(f"{small.duration / 1e9:g} s long after {len(tried)} runs")
     return small
 
 

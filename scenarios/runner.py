@@ -54,7 +54,7 @@ def sort_out(
 def run_all(
     found: Sequence[tuple[Path, Scenario]],
     options: RunOptions,
-    done: Callable[[str], None] = lambda name: None,
+    progress: Callable[[str], None] = lambda name: None,
     skipped: Sequence[Skipped] = (),
 ) -> list[Result]:
     """Results in the order of the scenarios. Raises InputError for one that cannot be run."""
@@ -63,7 +63,7 @@ def run_all(
         if isinstance(outcome, InputError):
             raise outcome
         results.append(outcome)
-        done(outcome.name)
+        progress(outcome.name)
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
         rows = [result.as_json() for result in results] + [{**asdict(one), "passed": None} for one in skipped]

@@ -112,7 +112,6 @@ async def live_bridge(
     senses: Senses,
     record: Recorder,
     *,
-    title: str,
     judge: Judge | None = None,
     on_tick: Callable[[TickRow], None] = lambda row: None,
     predict: Predicts | None = None,
@@ -130,7 +129,6 @@ async def live_bridge(
     async with open_port(config.bus, on_change) as port:
         node = build_node(parts, port, config.bus, on_event, predict)
         live = LiveBridge(node, port, senses, record, judge=judge, on_tick=on_tick)
-        record(meta_row(config, parts, port, title, time.monotonic_ns()))
         yield live
 
 

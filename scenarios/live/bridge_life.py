@@ -1,4 +1,4 @@
-"""The bridge's process over a live run: hung, stalled, killed, started again, each time from a clean sheet."""
+"""The bridge's process over a live run: hung, stalled, killed, started again, each time with nothing remembered."""
 
 from __future__ import annotations
 

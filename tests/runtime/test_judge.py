@@ -1,4 +1,4 @@
-"""runtime.judge: a decision against the wearer's ground truth, and no answer where that is not known."""
+"""runtime.judge: a decision against the wearer's ground truth, and no answer where nobody knows it."""
 
 from __future__ import annotations
 
@@ -18,17 +18,17 @@ def test_the_verb_under_way_and_the_one_in_preparation_are_right(verb_index: int
     assert judged(mind, verb_index) == GroundTruth("Pour", right)
 
 
-def test_where_nothing_is_known_there_is_no_answer() -> None:
+def test_between_actions_no_verb_is_right() -> None:
+    assert judged(Truth(None, POUR, 10, None), POUR) == GroundTruth(None, False)
+
+
+def test_where_nobody_knows_there_is_no_answer() -> None:
     assert judged(None, POUR) is None
 
 
 def test_a_wearers_time_begins_at_its_epoch_and_never_before() -> None:
     asked: list[int] = []
-
-    def truth(t_ns: int) -> None:
-        asked.append(t_ns)
-
-    judge = judge_by(truth, 1000)
+    judge = judge_by(lambda t_ns: asked.append(t_ns), 1000)
     judge(1500, None)
     judge(900, None)
     assert asked == [500, 0]

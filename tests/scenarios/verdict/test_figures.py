@@ -13,7 +13,7 @@ from scenarios.format.collect import collect
 from scenarios.format.schema import Scenario
 from scenarios.lockstep.run import run_scenario
 
-CATALOG = Path(__file__).parents[2] / "scenarios" / "catalog"
+CATALOG = Path(__file__).parents[3] / "scenarios" / "catalog"
 FOUND = list(collect([CATALOG]))
 
 

@@ -1,17 +1,15 @@
-"""scenarios.format.schema: strict, with file, line and the nearest valid name in every refusal."""
+"""scenarios.format.files: what is read is what was meant, every refusal has file, line and the nearest valid name."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from hilbridge.errors import InputError
-from scenarios.format.durations import format_duration, parse_duration_ns
-from scenarios.format.files import load_scenario, scenario_of
-from scenarios.format.vocabulary import FAULTS
+from scenarios.format.collect import collect
+from scenarios.format.files import dump_scenario, load_scenario, scenario_of
+from tests.scenarios.made import CATALOG
 
 GOOD = """\
 name: gaze cut while assisting
@@ -86,14 +84,8 @@ def test_refusals_have_file_line_and_nearest_name(tmp_path: Path, old: str, new:
     assert "\n" not in str(refused.value)
 
 
-def test_every_fault_has_readable_defaults_within_its_limits() -> None:
-    for name, kind in FAULTS.items():
-        assert kind.about
-        for option, limits in kind.options.items():
-            assert limits.low <= limits.default <= limits.high, (name, option)
-            assert limits.about
-
-
-@given(st.integers(0, 10**13))
-def test_durations_read_back(value_us: int) -> None:
-    assert parse_duration_ns(format_duration(value_us * 1000)) == value_us * 1000
+def test_what_is_written_reads_back_equal(tmp_path: Path) -> None:
+    for _, scenario in collect([CATALOG]):
+        path = tmp_path / "again.yaml"
+        path.write_text(dump_scenario(scenario))
+        assert load_scenario(path) == scenario

@@ -17,7 +17,7 @@ from scenarios.signals.check import formula_problem
 from scenarios.signals.domains import domains_of
 from scenarios.verdict.safety import SAFETY
 
-CATALOG = Path(__file__).parents[2] / "scenarios" / "catalog"
+CATALOG = Path(__file__).parents[3] / "scenarios" / "catalog"
 DOMAINS = domains_of(["gaze.off"])
 
 
