@@ -10,6 +10,8 @@ from __future__ import annotations
 from copy import copy
 
 from firmware_sim import torque, watchdogs
+from firmware_sim.law.filters import track
+from firmware_sim.law.support import support_gone
 from firmware_sim.memory import (
     COUNT_BUS_OFFS,
     COUNT_STALL_TICKS,
@@ -19,7 +21,7 @@ from firmware_sim.memory import (
     Outputs,
     count,
 )
-from firmware_sim.profiles import NONE, profile
+from firmware_sim.profiles import profile
 from firmware_sim.receive import authorisation_missing, receive
 from firmware_sim.selftest import passed
 from firmware_sim.states import ASSIST, BOOT, ESTOP, PASSIVE, RAMP_DOWN, SELFTEST, TABLE, Event, Reason
@@ -52,7 +54,7 @@ def advance(state: ControllerState, inputs: Inputs, now_ms: int) -> None:
     _torque(state, inputs, now_ms)
     send_cyclic(state, inputs, state.state is not began, now_ms)
     state.last_tick_ms = now_ms
-    sensors_lost = state.state in _NO_FOLLOW or state.implausible_ticks >= watchdogs.IMPLAUSIBLE_TICKS
+    sensors_lost = state.state in _NO_FOLLOW or state.sensor_doubt >= watchdogs.SENSOR_DOUBT
     if sensors_lost or state.reason in _PLANT_FAULTS:  # which are reasons of a latch alone
         state.follow_unm = 0
     else:
@@ -71,32 +73,41 @@ def _device_faults(state: ControllerState, inputs: Inputs, now_ms: int) -> None:
         count(state, COUNT_BUS_OFFS)
         bus_off(state, now_ms)
     state.was_bus_off = inputs.bus_off
-    angle = inputs.angle_mdeg
-    previous = angle if state.previous_mdeg is None else state.previous_mdeg
-    state.previous_mdeg = angle
-    if watchdogs.implausible(angle, inputs.second_angle_mdeg, previous):
+    if _sensors_bad(state, inputs):
         state.healthy_ticks = 0
-        state.implausible_ticks += 1
-        if state.implausible_ticks >= watchdogs.IMPLAUSIBLE_TICKS:
+        if state.sensor_doubt >= watchdogs.SENSOR_DOUBT:
             disarm(state)
             fire(state, Event.SENSORS_BAD, Reason.SENSOR_IMPLAUSIBLE, now_ms)
         return
-    state.implausible_ticks = 0
     state.healthy_ticks += 1
     # True in nearly every tick, and of use in PASSIVE alone.
     if state.healthy_ticks >= watchdogs.HEALTHY_TICKS and TABLE[state.state][_SENSORS_GOOD] is not state.state:
         fire(state, Event.SENSORS_GOOD, Reason.SENSOR_IMPLAUSIBLE, now_ms)
     limits = state.limits
-    if abs(inputs.commanded_unm - inputs.measured_unm) > limits.tracking_limit_unm:
-        state.tracking_ticks += 1
-        if state.tracking_ticks >= watchdogs.TRACKING_TICKS:
+    astray = abs(inputs.commanded_unm - inputs.measured_unm) > limits.tracking_limit_unm
+    if astray or state.tracking_doubt:
+        state.tracking_doubt = watchdogs.leaked(
+            state.tracking_doubt, astray, watchdogs.TRACKING_RISE, watchdogs.TRACKING_DOUBT
+        )
+        if state.tracking_doubt >= watchdogs.TRACKING_DOUBT:
             fire(state, Event.LATCH, Reason.TORQUE_TRACKING, now_ms)
-    else:
-        state.tracking_ticks = 0
     if abs(inputs.velocity_mdeg_s) > limits.speed_limit_mdeg_s:
         fire(state, Event.LATCH, Reason.JOINT_SPEED, now_ms)
-    if not limits.angle_low_mdeg <= angle <= limits.angle_high_mdeg:
+    if not limits.angle_low_mdeg <= inputs.angle_mdeg <= limits.angle_high_mdeg:
         fire(state, Event.LATCH, Reason.RANGE_OF_MOTION, now_ms)
+
+
+def _sensors_bad(state: ControllerState, inputs: Inputs) -> bool:
+    """Whether this tick's readings cannot be true; the doubt that such ticks leave leaks away slowly."""
+    angle, user = inputs.angle_mdeg, inputs.user_torque_unm
+    previous = angle if state.previous_mdeg is None else state.previous_mdeg
+    bad = watchdogs.implausible(
+        angle, inputs.second_angle_mdeg, previous, inputs.velocity_mdeg_s
+    ) or watchdogs.impossible(user, state.previous_user_unm)
+    state.previous_mdeg, state.previous_user_unm = angle, user
+    if bad or state.sensor_doubt:
+        state.sensor_doubt = watchdogs.leaked(state.sensor_doubt, bad, watchdogs.SENSOR_RISE, watchdogs.SENSOR_DOUBT)
+    return bad
 
 
 def _deadlines(state: ControllerState, inputs: Inputs, now_ms: int) -> None:
@@ -135,22 +146,19 @@ def _may_clear(state: ControllerState, now_ms: int) -> bool:
 def _torque(state: ControllerState, inputs: Inputs, now_ms: int) -> None:
     """The torque law of the state; and the end of a ramp, which is an event."""
     law, current, velocity = state.torque, state.state, inputs.velocity_mdeg_s
+    track(law, velocity, inputs.user_torque_unm)
     if current is ASSIST:
-        used = profile(state.verb)
-        torque.track(law, used, velocity)
-        torque.assisting(law, used, inputs.angle_mdeg, velocity, inputs.user_torque_unm)
-        return
-    torque.track(law, NONE, velocity)
-    if current is PASSIVE:
+        torque.assisting(law, profile(state.verb), inputs.angle_mdeg, velocity)
+    elif current is PASSIVE:
         torque.at_rest(law)
     elif current is ESTOP:
-        torque.ramping(law, torque.STOP_STRIDE)
-        torque.support_gone(law)
-    elif state.implausible_ticks >= watchdogs.IMPLAUSIBLE_TICKS:
-        torque.ramping(law, 1)
-        torque.support_gone(law)
+        torque.ramping(law, torque.STOP_STRIDE, velocity)
+        support_gone(law)
+    elif state.sensor_doubt >= watchdogs.SENSOR_DOUBT:
+        torque.ramping(law, 1, velocity)
+        support_gone(law)
     else:
-        torque.letting_go(law)
+        torque.letting_go(law, velocity)
     if current is RAMP_DOWN and law.assist_unm == 0:
         done = Event.RAMPED_FAULT if state.ramp_fault else Event.RAMPED_CLEAN
         fire(state, done, state.reason, now_ms)

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from math import sin
 from typing import Any
 
@@ -16,17 +18,18 @@ from firmware_sim.states import wire_name
 _TICK_S = 0.001
 _MDEG = math.degrees(1000.0)  # in one radian
 LOG_CYCLE_MS = 20
+Muscles = Callable[[Arm, float], float]  # torque in N m at a time in s
 
 
 class Device:
     """One simulated device. Faults of the world are its plain attributes; its controller has to find them out."""
 
-    def __init__(self, state: ControllerState, wearer: str = "reach") -> None:
-        """`state` is the controller at power-on; `wearer` one of plant.arm.WEARERS."""
+    def __init__(self, state: ControllerState, wearer: str | Muscles = "reach") -> None:
+        """`state` is the controller at power-on; `wearer` one of plant.arm.WEARERS, or muscles of one's own."""
         self.state = state
         self.arm = Arm()
         self.actuator = Actuator()
-        self.wearer = wearer
+        self.muscles: Muscles = partial(wearer_torque, wearer) if isinstance(wearer, str) else wearer
         self.encoder_offset_mdeg = 0
         self.wearer_extra_nm = 0.0
         self.local_clear = False
@@ -48,7 +51,7 @@ class Device:
         """
         self.ticks += 1
         state, arm, actuator, inputs = self.state, self.arm, self.actuator, self._inputs
-        wearer_nm = wearer_torque(self.wearer, arm, self.ticks * _TICK_S) + self.wearer_extra_nm
+        wearer_nm = self.muscles(arm, self.ticks * _TICK_S) + self.wearer_extra_nm
         angle = round(arm.angle * _MDEG)
         inputs.frames = frames
         inputs.angle_mdeg = angle

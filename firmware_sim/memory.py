@@ -13,8 +13,8 @@ from typing import NamedTuple
 
 from firmware_sim.e2e import Receiver
 from firmware_sim.frames import OWN_IDS, RECEIVED_IDS, VERB_NONE, Reject
+from firmware_sim.law.memory import Torque
 from firmware_sim.states import Reason, State
-from firmware_sim.torque import Torque
 from firmware_sim.watchdogs import Limits
 
 # Indices into ControllerState.counters (CTRL_DIAG); 0..20 are frames.Reject.
@@ -127,10 +127,11 @@ class ControllerState:
     bus_offs: tuple[int, ...] = ()
     was_bus_off: bool = False
     mac_failures: int = 0
-    tracking_ticks: int = 0
-    implausible_ticks: int = 0
+    tracking_doubt: int = 0
+    sensor_doubt: int = 0
     healthy_ticks: int = 0
     previous_mdeg: int | None = None
+    previous_user_unm: int = 0
     # transmission
     counters: tuple[int, ...] = (0,) * COUNTERS
     tx_counters: tuple[int, ...] = (0,) * len(OWN_IDS)

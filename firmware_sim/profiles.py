@@ -25,22 +25,23 @@ class Profile(NamedTuple):
 
     damping: int
     damping_near: int
-    gravity_percent: int
+    drag_unm: int
+    half_wave_ms: int
+    gravity_per_mille: int
     guidance: Guidance
     cap_unm: int
     ramp_in_ms: int
     ramp_out_ms: int
-    band_per_mille: int
 
 
-NONE = Profile(0, 0, 0, Guidance.NEVER, 0, 1, 1, 0)
-_REACH = Profile(3000, 5000, 30, Guidance.MINIMUM_JERK, 2_000_000, 300, 200, 0)
-_OPEN = Profile(3000, 3000, 20, Guidance.UNTIL_CONTACT, 1_500_000, 300, 150, 0)
-_POUR = Profile(5000, 5000, 50, Guidance.NEVER, 2_000_000, 400, 500, 0)
-_CUT = Profile(3000, 3000, 0, Guidance.NEVER, 1_000_000, 300, 150, 22)  # above 3.5 Hz
-_MIX = Profile(3000, 3000, 20, Guidance.NEVER, 1_000_000, 400, 200, 25)  # above 4 Hz
-_INSPECT = Profile(5000, 5000, 50, Guidance.NEVER, 1_500_000, 400, 300, 0)
-_OPERATE = Profile(2000, 2000, 0, Guidance.NEVER, 1_000_000, 300, 150, 0)
+NONE = Profile(0, 0, 0, 0, 0, Guidance.NEVER, 0, 1, 1)
+_REACH = Profile(3000, 5000, 30_000, 180, 20, Guidance.MINIMUM_JERK, 2_000_000, 300, 200)
+_OPEN = Profile(3000, 3000, 30_000, 180, 16, Guidance.UNTIL_CONTACT, 1_500_000, 300, 150)
+_POUR = Profile(5000, 5000, 30_000, 180, 40, Guidance.NEVER, 2_000_000, 400, 500)
+_CUT = Profile(3000, 3000, 0, 143, 0, Guidance.NEVER, 1_000_000, 300, 150)  # above 3.5 Hz
+_MIX = Profile(3000, 3000, 0, 125, 16, Guidance.NEVER, 1_000_000, 400, 200)  # above 4 Hz
+_INSPECT = Profile(5000, 5000, 30_000, 180, 40, Guidance.NEVER, 1_500_000, 400, 300)
+_OPERATE = Profile(2000, 2000, 30_000, 180, 0, Guidance.NEVER, 1_000_000, 300, 150)
 
 _BY_CODE: dict[int, Profile] = {
     1: _REACH,  # Take

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from firmware_sim import e2e, frames
+from firmware_sim.law.numbers import clamp, div
 from firmware_sim.memory import COUNTERS, ECHO_SLOTS, ControllerState, Inputs
 from firmware_sim.states import Reason, State
-from firmware_sim.torque import clamp, div
 
 STATUS_CYCLE_MS = 20
 MEAS_CYCLE_MS = 20

@@ -23,8 +23,11 @@ BUS_OFF_WINDOW_MS = 10_000
 NEUTRAL_HOLDS = 3
 CHALLENGE_LIMIT_MS = 500
 CLEAR_LIMIT_MS = 30_000
-TRACKING_TICKS = 20
-IMPLAUSIBLE_TICKS = 3
+# Counters that leak: a bad tick adds, a good one takes 1 off. One tick in so many may be bad for ever; more may not.
+TRACKING_RISE = 4
+TRACKING_DOUBT = 80  # 20 ticks in a row
+SENSOR_RISE = 8
+SENSOR_DOUBT = 24  # 3 ticks in a row
 HEALTHY_TICKS = 500
 
 
@@ -69,10 +72,25 @@ def remember(times_ms: tuple[int, ...], now_ms: int, limit: int) -> tuple[int, .
     return (*times_ms, now_ms)[-limit:]
 
 
-def implausible(angle_mdeg: int, second_angle_mdeg: int, previous_mdeg: int) -> bool:
-    """The two encoders disagree by 3 degrees, read what no arm can, or jump by 5 degrees in a tick."""
+def implausible(angle_mdeg: int, second_angle_mdeg: int, previous_mdeg: int, velocity_mdeg_s: int) -> bool:
+    """What no arm can do: encoders 3 degrees apart, an angle out of this world, 5 degrees in a tick, another velocity.
+
+    A velocity more than 30 degrees a second from what the encoder says is another one.
+    """
+    moved_mdeg = angle_mdeg - previous_mdeg
     return not (
         -3_000 <= angle_mdeg - second_angle_mdeg <= 3_000
         and -40_000 <= angle_mdeg <= 200_000
-        and -5_000 <= angle_mdeg - previous_mdeg <= 5_000
+        and -5_000 <= moved_mdeg <= 5_000
+        and -30_000 <= velocity_mdeg_s - 1_000 * moved_mdeg <= 30_000
     )
+
+
+def impossible(user_unm: int, previous_unm: int) -> bool:
+    """A torque no wearer has: above 20 N m, or 5 N m more in a tick, ten times what the quickest muscle does."""
+    return not (-20_000_000 <= user_unm <= 20_000_000 and -5_000_000 <= user_unm - previous_unm <= 5_000_000)
+
+
+def leaked(doubt: int, bad: bool, rise: int, limit: int) -> int:
+    """A leaky counter after one more tick. It stops one rise above its limit, so that it comes down again soon."""
+    return min(doubt + rise, limit + rise) if bad else max(0, doubt - 1)

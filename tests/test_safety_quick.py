@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from tests.safety import campaign, checking, corruption, forgery, fuzz, replay
+from tests.safety import campaign, checking, corruption, forgery, fuzz, harm, replay
 from tests.safety.mutation import ROOT
 from tests.safety.table import Row, Scale, printed
 
@@ -37,6 +37,11 @@ def test_h1_forgery() -> None:
 @requirement("S1", "T1", "T2", "T3")
 def test_h2_model_checking_sample() -> None:
     all_hold(checking.run(QUICK))
+
+
+@requirement("T11", "T12", "T8", "T9")
+def test_h1_h4_h5_harm_sample() -> None:
+    all_hold(harm.run(QUICK))
 
 
 @requirement("P9", "P8")

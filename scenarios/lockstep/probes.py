@@ -43,14 +43,15 @@ class DeviceProbe:
                 self._hold_since_ms = state.last_tick_ms
         if frames and self._stopped_ms is None and any(frame.can_id == STOP for frame in frames):
             self._stopped_ms = state.last_tick_ms
-        assist_unm, trips = torque.assist_unm, state.counters[COUNT_TRIPS]
+        assist_unm, gravity_unm, trips = torque.assist_unm, torque.gravity_unm, state.counters[COUNT_TRIPS]
         # In most ticks nothing of this has changed, and one comparison says so.
-        seen = (state.state, state.reason, state.armed, trips, assist_unm, torque.gravity_unm)
+        seen = (state.state, state.reason, state.armed, trips, assist_unm, gravity_unm)
         changed = seen != self._seen and self._put_changes(seen, now_ns / MS)
         if assist_unm:
             self._put_ages(state.last_tick_ms, now_ns / MS)
-            self.energy_j += abs(assist_unm * 1e-6 * device.arm.velocity) * 1e-3
             self.assist_ms += 1
+        if assist_unm or gravity_unm:  # whatever an ACT adds is energy of it
+            self.energy_j += abs((assist_unm + gravity_unm) * 1e-6 * device.arm.velocity) * 1e-3
         if ticks % _EVERY_MS == 0:
             put, time_ms = self._tracks.put, now_ns / MS
             put(time_ms, "device.angle_deg", round(57.29578 * device.arm.angle, 3))

@@ -279,25 +279,62 @@ def test_watchdog_questions_at_their_edges() -> None:
 
 @requirement("S10")
 @pytest.mark.parametrize(
-    ("angle", "second", "previous", "bad"),
+    ("angle", "second", "previous", "velocity", "bad"),
     [
-        (0, 0, 0, False),
-        (10_000, 13_000, 10_000, False),
-        (10_000, 13_001, 10_000, True),
-        (13_001, 10_000, 13_001, True),
-        (13_000, 10_000, 13_000, False),
-        (-40_000, -40_000, -40_000, False),
-        (-40_001, -40_001, -40_001, True),
-        (200_000, 200_000, 200_000, False),
-        (200_001, 200_001, 200_001, True),
-        (10_000, 10_000, 5_000, False),
-        (10_001, 10_001, 5_000, True),
-        (5_000, 5_000, 10_001, True),
-        (5_000, 5_000, 10_000, False),
+        (0, 0, 0, 0, False),
+        (10_000, 13_000, 10_000, 0, False),
+        (10_000, 13_001, 10_000, 0, True),
+        (13_001, 10_000, 13_001, 0, True),
+        (13_000, 10_000, 13_000, 0, False),
+        (-40_000, -40_000, -40_000, 0, False),
+        (-40_001, -40_001, -40_001, 0, True),
+        (200_000, 200_000, 200_000, 0, False),
+        (200_001, 200_001, 200_001, 0, True),
+        (10_000, 10_000, 5_000, 5_000_000, False),
+        (10_001, 10_001, 5_000, 5_001_000, True),
+        (5_000, 5_000, 10_001, -5_001_000, True),
+        (5_000, 5_000, 10_000, -5_000_000, False),
+        (10_000, 10_000, 10_000, 30_000, False),
+        (10_000, 10_000, 10_000, 30_001, True),
+        (10_000, 10_000, 10_000, -30_000, False),
+        (10_000, 10_000, 10_000, -30_001, True),
+        (10_100, 10_100, 10_000, 100_000, False),
+        (10_100, 10_100, 10_000, 0, True),
+        (10_100, 10_100, 10_000, 69_999, True),
+        (10_100, 10_100, 10_000, 130_000, False),
     ],
 )
-def test_h4_implausible_sensors(angle: int, second: int, previous: int, bad: bool) -> None:
-    assert watchdogs.implausible(angle, second, previous) is bad
+def test_h4_implausible_sensors(angle: int, second: int, previous: int, velocity: int, bad: bool) -> None:
+    assert watchdogs.implausible(angle, second, previous, velocity) is bad
+
+
+@requirement("S10")
+@pytest.mark.parametrize(
+    ("user", "previous", "bad"),
+    [
+        (20_000_000, 20_000_000, False),
+        (20_000_001, 20_000_000, True),
+        (-20_000_000, -20_000_000, False),
+        (-20_000_001, -20_000_000, True),
+        (5_000_000, 0, False),
+        (5_000_001, 0, True),
+        (-2_000_000, 3_000_000, False),
+        (-2_000_001, 3_000_000, True),
+    ],
+)
+def test_h4_a_torque_no_wearer_has(user: int, previous: int, bad: bool) -> None:
+    assert watchdogs.impossible(user, previous) is bad
+
+
+@requirement("S10", "W8")
+def test_doubt_leaks_and_is_not_cleared_by_one_good_tick() -> None:
+    assert [watchdogs.leaked(doubt, True, 8, 24) for doubt in (0, 8, 16, 24, 32)] == [8, 16, 24, 32, 32]
+    assert [watchdogs.leaked(doubt, False, 8, 24) for doubt in (24, 1, 0)] == [23, 0, 0]
+    doubt, worst = 0, 0
+    for tick in range(3000):  # one tick in nine may be bad for ever
+        doubt = watchdogs.leaked(doubt, tick % 9 == 0, watchdogs.SENSOR_RISE, watchdogs.SENSOR_DOUBT)
+        worst = max(worst, doubt)
+    assert worst == watchdogs.SENSOR_RISE
 
 
 @requirement("S9")

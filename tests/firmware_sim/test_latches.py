@@ -294,10 +294,58 @@ def test_h4_implausible_sensors_make_passive_at_once_and_recover_after_half_a_se
 def test_a_jump_of_the_encoder_is_implausible_but_one_alone_passes() -> None:
     hand = Hand().to_ready()
     hand.tick(angle_mdeg=40_000, second_angle_mdeg=40_000)
-    assert hand.state.implausible_ticks == 1
+    assert hand.state.sensor_doubt == 8
     hand.tick(angle_mdeg=40_000, second_angle_mdeg=40_000)
-    assert hand.state.implausible_ticks == 0
+    assert hand.state.sensor_doubt == 7
+    hand.run(8, angle_mdeg=40_000, second_angle_mdeg=40_000)
+    assert hand.state.sensor_doubt == 0
     assert hand.state.state == State.READY
+
+
+@requirement("S10")
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"second_angle_mdeg": 38_000},
+        {"velocity_mdeg_s": 51_000},
+        {"user_torque_unm": 21_000_000},
+    ],
+    ids=lambda wrong: next(iter(wrong)),
+)
+def test_h4_sensors_wrong_in_two_of_three_ticks_end_an_assist(wrong: dict[str, int]) -> None:
+    hand = Hand().to_assist()
+    for tick in range(12):
+        hand.tick(**(wrong if tick % 3 else {}))
+    assert (hand.state.state, hand.state.reason) == (State.PASSIVE, Reason.SENSOR_IMPLAUSIBLE)
+    assert hand.outputs.assist_unm == hand.outputs.gravity_unm == 0
+
+
+@requirement("S10")
+def test_h4_a_torque_sensor_that_jumps_to_and_fro_is_not_believed() -> None:
+    hand = Hand().to_assist()
+    for tick in range(6):
+        hand.tick(user_torque_unm=2_600_000 * (-1) ** tick)
+    assert (hand.state.state, hand.state.reason) == (State.PASSIVE, Reason.SENSOR_IMPLAUSIBLE)
+
+
+@requirement("S10")
+def test_readings_that_are_wrong_at_times_do_not_take_the_device_out() -> None:
+    hand = Hand().to_ready()
+    for tick in range(900):
+        hand.tick(**({"second_angle_mdeg": 40_000} if tick % 10 == 0 else {}))
+        assert hand.state.state not in (State.PASSIVE, State.LATCHED)
+
+
+@requirement("S10")
+def test_follow_mode_comes_back_in_a_latch_once_the_doubt_has_leaked() -> None:
+    hand = Hand().to_assist()
+    hand.tick(Received(frames.CTRL_STATUS, b""))
+    hand.run(20, second_angle_mdeg=34_000)
+    assert (hand.state.sensor_doubt, hand.outputs.follow_unm) == (32, 0)
+    hand.run(8)
+    assert (hand.state.sensor_doubt, hand.outputs.follow_unm) == (24, 0)
+    hand.tick()
+    assert hand.outputs.follow_unm != 0
 
 
 @requirement("S10", "T5")
@@ -325,15 +373,26 @@ def test_h4_torque_that_does_not_follow_latches(ticks: int, difference: int, lat
         assert hand.state.reason == Reason.TORQUE_TRACKING
         assert hand.outputs.follow_unm == 0
     else:
-        hand.tick()
-        assert hand.state.tracking_ticks == 0
+        assert hand.state.tracking_doubt == (76 if difference > 600_000 else 0)
+        hand.run(76, commanded_unm=0, measured_unm=-600_000)
+        assert hand.state.tracking_doubt == 0
+
+
+@requirement("W8")
+@pytest.mark.parametrize(("every", "latched"), [(3, True), (6, False)])
+def test_h4_one_good_tick_does_not_clear_a_motor_that_does_not_follow(every: int, latched: bool) -> None:
+    hand = Hand().to_ready()
+    for tick in range(1500):
+        hand.tick(commanded_unm=0, measured_unm=700_000 if tick % every == 0 else 0)
+    assert (hand.state.reason == Reason.TORQUE_TRACKING) == latched
 
 
 @requirement("W8")
 @pytest.mark.parametrize(("speed", "latched"), [(400_000, False), (400_001, True), (-400_001, True)])
 def test_h4_joint_speed_latches(speed: int, latched: bool) -> None:
     hand = Hand().to_ready()
-    hand.tick(velocity_mdeg_s=speed)
+    there = 30_000 + speed // 1000
+    hand.tick(velocity_mdeg_s=speed, angle_mdeg=there, second_angle_mdeg=there)
     assert (hand.state.state == State.LATCHED) == latched
     if latched:
         assert hand.state.reason == Reason.JOINT_SPEED

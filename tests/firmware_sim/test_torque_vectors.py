@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from firmware_sim import torque
+from firmware_sim.law import numbers
 from tests.firmware_sim import torque_vectors
 
 STORIES = [list(rows) for _, rows in itertools.groupby(torque_vectors.read(), key=lambda row: row[0].story)]
@@ -39,4 +39,4 @@ def test_sine_at_every_angle_of_four_turns() -> None:
         quarter * 90_000 + off for quarter in range(-8, 9) for off in (-1001, -1000, -999, -1, 0, 1, 999, 1000, 1001)
     )
     for angle in (*range(-720_000, 720_000, 250), *near):
-        assert torque.sine_per_mille(angle) == sine(angle), angle
+        assert numbers.sine_per_mille(angle) == sine(angle), angle

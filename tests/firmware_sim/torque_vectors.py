@@ -1,9 +1,11 @@
 """Vectors for a port of the torque law: segments of the world, and what the law must have come to at the end of each.
 
 `python -m tests.firmware_sim.torque_vectors` writes torque_vectors.csv anew; that is a change of the law, to be looked
-at. A segment changes angle, velocity and the wearer's torque linearly, tick by tick, so a port in any language can
-replay the file. Stories begin at rest; the checksum covers every field of the law's memory in every tick of a segment,
-so one unit in one tick is enough to be seen. That the law keeps the contract's limits is for test_torque.py.
+at.
+A segment changes angle, velocity and the wearer's torque linearly, tick by tick, so a port in any language can replay
+the file; a triangular wave of velocity comes on top where there is one. Stories begin at rest; the checksum covers every
+field of the law's memory in every tick of a segment, so one unit in one tick is enough to be seen. That the law keeps
+the contract's limits is for the tests of its parts.
 """
 
 from __future__ import annotations
@@ -19,11 +21,16 @@ from pathlib import Path
 from typing import NamedTuple
 
 from firmware_sim import torque
-from firmware_sim.profiles import NONE, profile
-from firmware_sim.torque import Torque
+from firmware_sim.law.filters import track
+from firmware_sim.law.memory import WINDOW_SLOTS, Torque
+from firmware_sim.law.numbers import div
+from firmware_sim.law.support import support_gone, support_less
+from firmware_sim.profiles import profile
 
-_LAYOUT = struct.Struct("<43q")  # the fields in their order, the peaks of the window one by one, then follow torque
-_BEFORE_PEAKS = attrgetter(*[field.name for field in fields(Torque)][:16])
+_NAMES = [field.name for field in fields(Torque)]
+_BEFORE_PEAKS = attrgetter(*_NAMES[: _NAMES.index("peaks")])
+# The fields in their order, the peaks of the window one by one, then follow torque.
+_LAYOUT = struct.Struct(f"<{len(_NAMES) + WINDOW_SLOTS}q")
 FILE = Path(__file__).with_suffix(".csv")
 MODES = ("assist", "ramp", "stop", "fade", "rest", "follow")
 _VERBS = (1, 3, 4, 6, 10, 14, 15)  # one of each profile
@@ -42,6 +49,8 @@ class Segment(NamedTuple):
     velocity_step: int
     user_unm: int
     user_step: int
+    wave_ms: int = 0
+    wave_mdeg_s: int = 0
 
 
 class Expected(NamedTuple):
@@ -53,22 +62,29 @@ class Expected(NamedTuple):
     crc32: int
 
 
+def triangle(number: int, wave_ms: int, size: int) -> int:
+    """From -size to size and back in `wave_ms` ticks; division rounds towards zero."""
+    if not wave_ms:
+        return 0
+    phase = 4 * (number % wave_ms)
+    return div(size * (phase - wave_ms if phase < 2 * wave_ms else 3 * wave_ms - phase), wave_ms)
+
+
 def tick(law: Torque, segment: Segment, number: int) -> int:
     """Take the law through tick `number` of a segment; returns follow torque."""
     angle = segment.angle_mdeg + number * segment.angle_step
     velocity = segment.velocity_mdeg_s + number * segment.velocity_step
-    user = segment.user_unm + number * segment.user_step
-    used = profile(segment.verb) if segment.mode == "assist" else NONE
-    torque.track(law, used, velocity)
+    velocity += triangle(number, segment.wave_ms, segment.wave_mdeg_s)
+    track(law, velocity, segment.user_unm + number * segment.user_step)
     if segment.mode == "assist":
-        torque.assisting(law, used, angle, velocity, user)
+        torque.assisting(law, profile(segment.verb), angle, velocity)
     elif segment.mode == "ramp":
-        torque.letting_go(law)
+        torque.letting_go(law, velocity)
     elif segment.mode == "stop":
-        torque.ramping(law, torque.STOP_STRIDE)
-        torque.support_gone(law)
+        torque.ramping(law, torque.STOP_STRIDE, velocity)
+        support_gone(law)
     elif segment.mode == "fade":
-        torque.supporting_less(law)
+        support_less(law)
     elif segment.mode == "rest":
         torque.at_rest(law)
     return torque.follow_torque(angle, velocity)
@@ -122,18 +138,41 @@ def _directed() -> Iterator[Segment]:
                 yield Segment(story, "assist", verb, 200, 90_000, 0, -pulls * 90_000, 0, 0, 0)
                 yield Segment(story, "assist", verb, 400, 90_000, 0, -pulls * 90_000, 0, pulls * 5_000, -pulls * 5_000)
     for sign in (1, -1):
-        story += 1  # a reach at a speed whose damping leaves room to see the push fade
-        for angle, step, ticks in ((60_000, sign * 15, 1_300), (60_000 + sign * 19_500, 0, 300)):
-            yield Segment(story, "assist", 1, ticks, angle, step, sign * 20_000, 0, 0, 0)
         story += 1  # pushing until contact: just not slow enough, just slow enough, away again while the push fades
         yield Segment(story, "assist", 3, 600, 60_000, 0, sign * 20_000, 0, 0, 0)
         for speed, ticks in ((3_001, 1_200), (3_000, 900), (2_999, 300), (20_000, 600), (0, 290), (20_000, 600)):
             yield Segment(story, "assist", 3, ticks, 60_000, 0, sign * speed, 0, 0, 0)
+        story += 1  # work spent to the last, by support and by guidance, and got back
+        yield Segment(story, "assist", 10, 3_000, 60_000, sign * 9, 0, 0, 0, 0)
+        yield Segment(story, "assist", 10, 2_500, 60_000, 0, sign * 60_000, 0, 0, 0)
+        yield Segment(story, "ramp", 10, 900, 60_000, 0, 0, 0, 0, 0)
+        yield Segment(story, "assist", 3, 4_000, 60_000, 0, sign * 60_000, 0, 0, 0)
+        yield Segment(story, "ramp", 3, 3_000, 60_000, 0, 0, 0, 0, 0)
+    yield from _shaking(story)
+    story += 100
     for mode, ticks in (("ramp", 39), ("ramp", 40), ("ramp", 600), ("stop", 9), ("stop", 12), ("rest", 3)):
         story += 1
         yield Segment(story, "assist", 1, 1_500, 70_000, 0, -90_000, 0, 0, 0)
         yield Segment(story, mode, 1, ticks, 70_000, 0, -20_000, 0, 0, 0)
         yield Segment(story, "assist", 1, 1_500, 70_000, 0, -90_000, 0, 0, 0)
+        story += 1  # the same out of a tremor, at several places of its wave
+        yield Segment(story, "assist", 4, 1_500, 70_000, 0, 0, 0, 0, 0, 100, 30_000)
+        for more in (1, 7, 13, 19, 25):
+            yield Segment(story, "assist", 4, 300 + more, 70_000, 0, 0, 0, 0, 0, 100, 30_000)
+            yield Segment(story, mode, 4, ticks, 70_000, 0, 0, 0, 0, 0, 100, 40_000 - 2_000 * more)
+
+
+def _shaking(story: int) -> Iterator[Segment]:
+    """Tremor of every speed and size, alone, upon a movement, and stopping; half waves just short enough, just too long."""
+    for verb in _VERBS:
+        for wave_ms in (80, 160, 248, 252, 284, 290, 358, 364, 500):
+            story += 1
+            for size, speed in ((1_000, 0), (20_000, 0), (120_000, 0), (60_000, 20_000), (60_000, -60_000)):
+                yield Segment(story, "assist", verb, 3 * wave_ms + 7, 60_000, 0, speed, 0, 0, 0, wave_ms, size)
+            yield Segment(story, "assist", verb, 400, 60_000, 0, 0, 0, 0, 0)
+            yield Segment(story, "ramp", verb, 30, 60_000, 0, 0, 0, 0, 0, wave_ms, 20_000)
+            yield Segment(story, "assist", verb, 500, 60_000, 0, 0, 0, 0, 0, wave_ms, 20_000)
+            yield Segment(story, "stop", verb, 12, 60_000, 0, 0, 0, 0, 0, wave_ms, 9_000)
 
 
 def _random(seed: int, stories: int) -> Iterator[Segment]:
@@ -157,6 +196,8 @@ def _random(seed: int, stories: int) -> Iterator[Segment]:
                 chance.choice((0, 0, 0, 1, -1, 25, -25)),
                 chance.choice((1, -1)) * chance.choice(users),
                 chance.choice((0, 0, 1_000, -1_000)),
+                chance.choice((0, 0, 60, 125, 200, 300)),
+                chance.choice((1_000, 10_000, 60_000, 200_000)),
             )
 
 

@@ -7,6 +7,7 @@ from collections import deque
 from copy import copy
 
 from firmware_sim import e2e, frames, watchdogs
+from firmware_sim.law.damping import LEASH_UNM_MS
 from firmware_sim.memory import Received
 from firmware_sim.states import State
 from tests.safety.hand import Hand
@@ -88,6 +89,12 @@ def frames_of(hand: Hand, arrival: str) -> tuple[list[Received], bool]:
     return [], False
 
 
+def shaking(now_ms: int) -> int:
+    """Velocity of the model's world: a slow movement upon which there is a tremor of 6 Hz, so that every verb damps."""
+    phase = now_ms % 168
+    return 20_000 + 190 * (phase - 42 if phase < 84 else 126 - phase)
+
+
 def invariants(hand: Hand, before: State, assist_before: int, arrival: str) -> None:
     """What holds after every single tick of the real code. Raises Broken."""
     s, assist = hand.state, hand.outputs.assist_unm
@@ -109,13 +116,16 @@ def invariants(hand: Hand, before: State, assist_before: int, arrival: str) -> N
         "no key without a session": s.armed == bool(s.key) == bool(s.session),
         "silence ends assist within 150 ms": assist == 0 or age_ms < 150,
         "torque parts stay within their caps": abs(assist) <= 1_000_000 and hand.outputs.gravity_unm == 0,
+        "damping only removes energy": assist * shaking(hand.now_ms) <= 0 and assist == s.torque.damping_unm,
+        "the leash holds": abs(s.torque.impulse) <= LEASH_UNM_MS,
+        "nothing pushes, so no work is spent": s.torque.work == 0,
     }
     for rule, kept in rules.items():
         if not kept:
             raise Broken(f"{rule}: {s.state.name} ({s.reason.name}) after {arrival}, assist {assist}")
 
 
-INVARIANTS = 12
+INVARIANTS = 15
 
 
 def quantum(hand: Hand, arrival: str) -> None:
@@ -123,7 +133,11 @@ def quantum(hand: Hand, arrival: str) -> None:
     received, local_clear = frames_of(hand, arrival)
     for k in range(QUANTUM_MS):
         before, assist = hand.state.state, hand.outputs.assist_unm
-        hand.tick(*(received if k == 0 else ()), local_clear=local_clear and k == 0)
+        hand.tick(
+            *(received if k == 0 else ()),
+            local_clear=local_clear and k == 0,
+            velocity_mdeg_s=shaking(hand.now_ms + 1),
+        )
         if k == 0 and arrival == "arm" and hand.state.armed and hand.state.session != hand.session:
             hand.session, hand.key, hand.freshness = hand.state.session, hand.session_key, 0
         invariants(hand, before, assist, arrival)

@@ -11,6 +11,9 @@ import firmware_sim.controller
 import firmware_sim.receive
 import hilbridge.runtime.node
 from firmware_sim import torque, watchdogs
+from firmware_sim.law import damping
+from firmware_sim.law.memory import Torque
+from firmware_sim.law.numbers import div
 from firmware_sim.states import TABLE, Event, State
 from hilbridge.core import bridge, gate
 from hilbridge.records import HoldReason
@@ -37,9 +40,13 @@ class Defect:
     fault: str
 
 
-def _slow_ramp(law: torque.Torque, stride: int) -> None:
-    law.assist_unm = torque.div(law.assist_unm * 98, 100)
+def _slow_ramp(law: Torque, stride: int, velocity_mdeg_s: int) -> None:
+    law.assist_unm = div(law.assist_unm * 98, 100)
     law.ramp_tick = 1
+
+
+def _boundless(law: Torque, size: int, ceiling: int, velocity_mdeg_s: int) -> None:
+    law.damping_unm = -100 * velocity_mdeg_s
 
 
 DEFECTS: tuple[Defect, ...] = (
@@ -53,10 +60,7 @@ DEFECTS: tuple[Defect, ...] = (
     Defect("any MAC is right", ((firmware_sim.receive.secoc, "act_mac", lambda *_: _EqualToAll()),), "bus.forge"),
     Defect(
         "no torque limit",
-        (
-            (torque, "clamp", lambda value, limit: value),
-            (torque, "_limited", lambda before, wanted, ceiling: wanted),
-        ),
+        ((damping, "damp", _boundless),),
         "bus.duplicate",
     ),
     Defect(

@@ -31,13 +31,16 @@ from tests.safety.table import Row, Scale
 ROOT = Path(__file__).parents[2]
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.json")
 _DEVICE = ("test_deadlines.py", "test_latches.py", "test_commands.py", "test_frames_and_e2e.py", "test_edges.py")
+_LAW = ("test_torque_vectors.py", "test_torque.py")
+LAW = ("allowance", "damping", "filters", "guidance", "memory", "numbers", "support")
 # What is mutated, and the tests for lines that run at import, which no test can be seen to run through.
 TARGETS: dict[str, tuple[str, ...]] = {
     "firmware_sim/controller.py": _DEVICE,
     "firmware_sim/receive.py": _DEVICE,
     "firmware_sim/transitions.py": _DEVICE,
     "firmware_sim/watchdogs.py": _DEVICE,
-    "firmware_sim/torque.py": ("test_torque_vectors.py", "test_torque.py"),
+    "firmware_sim/torque.py": _LAW,
+    **{f"firmware_sim/law/{part}.py": (*_LAW, f"test_law_{part}.py") for part in LAW},
     "firmware_sim/transmit.py": ("test_transmit.py", "test_node.py", "test_latches.py"),
     "firmware_sim/states.py": ("test_states.py", "test_wire_conformance.py", "test_latches.py"),
     "firmware_sim/e2e.py": ("test_frames_and_e2e.py", "test_edges.py", "test_wire_conformance.py", "test_commands.py"),

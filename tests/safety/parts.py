@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 
-from tests.safety import campaign, checking, conformance, corruption, forgery, fuzz, hung, mutation, replay
+from tests.safety import campaign, checking, conformance, corruption, forgery, fuzz, harm, hung, mutation, replay
 from tests.safety.branches import run as branches
 from tests.safety.table import Row, Scale
 
@@ -15,6 +15,7 @@ PARTS = {
     "replay": replay.run,
     "forgery": forgery.run,
     "model": checking.run,
+    "harm": harm.run,
     "fuzz": fuzz.run,
     "branches": branches,
     "mutation": mutation.run,
@@ -24,7 +25,7 @@ PARTS = {
 
 
 # Everything that only computes, two parts at a time; real time is for `hung`, which has the machine to itself.
-LONGEST_FIRST = ("mutation", "model", "fuzz", "replay", "forgery", "branches", "conformance", "corruption")
+LONGEST_FIRST = ("mutation", "harm", "model", "fuzz", "replay", "forgery", "branches", "conformance", "corruption")
 LANES = 2
 
 

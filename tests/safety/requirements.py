@@ -40,12 +40,14 @@ REQUIREMENTS = {
     "T2": "HOLD: zero assist within 60 ms, at every phase",
     "T3": "STOP: zero assist within 20 ms, at every phase",
     "T4": "RAMP_DOWN takes at most 40 ms, STOP 10 ms, limited in jerk",
-    "T5": "gravity support fades over 500 ms while sensors are healthy, else at once, and at once on STOP",
+    "T5": "gravity support never falls faster than its 500 ms while sensors are healthy; else, and on STOP, at once",
     "T6": "assist rises by at most 10 N m/s",
     "T7": "assist rises by a limited amount within 250 ms",
     "T8": "assist stays below the cap of its verb; unknown verbs are never assisted",
-    "T9": "authority falls as the wearer opposes",
+    "T9": "authority, of assist and support, falls as the wearer opposes",
     "T10": "assist and gravity support are kept apart",
+    "T11": "an ACT that nobody meant: at most 0.1 J into the arm and 30 mm at the hand, any verb, any wearer",
+    "T12": "damping only ever removes energy; tremor of 3 to 12 Hz is never amplified",
     "S1": "one total transition table; what it does not list changes nothing",
     "S2": "FOLLOW to READY: armed, E2E VALID, three HOLDs in a row",
     "S3": "READY to ASSIST: one authorised ACT, and nothing else",
@@ -55,7 +57,7 @@ REQUIREMENTS = {
     "S7": "leaving a latch: zero torque, HOLD present, authenticated challenge, local action",
     "S8": "single E2E errors, one time-out, one bus-off recover alone",
     "S9": "no configuration disables a watchdog",
-    "S10": "implausible sensors: PASSIVE, no torque",
+    "S10": "implausible sensors (angles, velocity, wearer's torque; counters leak): PASSIVE, no torque",
     "S11": "a stall of the computer is no device fault: caught up tick by tick, frames in order of arrival",
     "P1": "AUTOSAR E2E profile 5 and its state machine",
     "P2": "errors of one to three bits are always rejected",
@@ -116,6 +118,7 @@ clinical sign-off; nothing here is a medical device, and no figure below has bee
 | `replay` | doubled frames, queues of a dead bridge, earlier sessions, replays past E2E and session number |
 | `forgery` | random ACT and AUTH pairs that are right in all but the key; the third latches |
 | `model` | all states of a model of the contract, all transitions replayed on the code, invariants per ms |
+| `harm` | what a wrong ACT does: every verb, 21 wearers, firm and weak, ACTs of 0.24, 2 and 10 s; tremor; a search; a proof |
 | `fuzz` | decode on both ends under random and coverage-guided input |
 | `branches` | full branch coverage of the files that decide |
 | `mutation` | a process per mutant; survivors argued one by one in `tests/safety/equivalent_mutants.json` |
@@ -124,7 +127,8 @@ clinical sign-off; nothing here is a medical device, and no figure below has bee
 
 What this does not show: that the model leaves nothing out (it has no dwell, no torque values and no plant faults; those
 have tests of their own); that an interposer who withholds single frames for a multiple of 10.24 s while passing others
-is harmless (docs/decisions/104); anything about hardware.
+is harmless (docs/decisions/104); that wearers weaker than 2 N m/rad, or arms unlike the simulated one, are moved as little
+(docs/decisions/109); anything about hardware.
 """
 
 

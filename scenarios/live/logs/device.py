@@ -88,11 +88,12 @@ def device_columns(lines: Sequence[DeviceLine], start_ns: int, length: int) -> d
 
 
 def assist_figures(columns: Mapping[str, Column]) -> dict[str, float]:
-    """assist_s and assist_energy_j (J given to the arm), from the grid."""
-    assist_nm = np.asarray(columns["device.assist_nm"], np.float64)
-    speed_rad_s = np.radians(np.asarray(columns["device.velocity_deg_s"], np.float64))
+    """assist_s and assist_energy_j (J between arm and all that an ACT adds, gravity support too), from the grid."""
     acting = np.asarray(columns["device.assist_zero"], np.float64) == 0.0
+    assist_nm = np.where(acting, np.asarray(columns["device.assist_nm"], np.float64), 0.0)
+    added_nm = assist_nm + np.asarray(columns["device.gravity_nm"], np.float64)
+    speed_rad_s = np.radians(np.asarray(columns["device.velocity_deg_s"], np.float64))
     return {
         "assist_s": float(acting.sum()) / 1000.0,
-        "assist_energy_j": float(np.abs(assist_nm * speed_rad_s)[acting].sum()) * 1e-3,
+        "assist_energy_j": float(np.abs(added_nm * speed_rad_s).sum()) * 1e-3,
     }

@@ -32,3 +32,8 @@ def test_ages_are_on_the_devices_own_clock_and_grow_between_lines() -> None:
     assert list(columns["device.act_age_ms"][[0, 10, 40, 70]]) == [1e6, 5.0, 35.0, 65.0]
     assert list(columns["device.hold_age_ms"][[40, 50, 80]]) == [0.0, 0.0, 30.0]
     assert list(columns["device.stop_age_ms"][[59, 60, 80]]) == [0.0, 2.0, 22.0]
+
+
+def test_energy_is_of_gravity_support_too_with_and_without_assist() -> None:
+    rows = [line(0, "Ready", 0.0, gravity_nm=0.5), line(40, "Ready", 0.0, gravity_nm=0.5)]
+    assert assist_figures(device_columns(rows, 0, 41))["assist_energy_j"] == pytest.approx(41 * 0.5 * 1e-3)
