@@ -19,6 +19,7 @@ from hilbridge.features.layout import D
 from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
 from hilbridge.intent.predictor import Predictor
 from hilbridge.intent.tremor import TremorGuard
+from hilbridge.limits import FREEZE_LIMIT_MS, MS, SENSOR_TIMEOUT_MS, TICK_NS
 from hilbridge.observe.summary import percentile
 from hilbridge.records import FeatureVector
 from hilbridge.runtime.health import SensorSeen
@@ -27,8 +28,6 @@ from hilbridge.wire.codec import Codec
 from hilbridge.wire.keys import DEMO_KEY
 from hilbridge.wire.link import WireLink
 from hilbridge.wire.secoc import Authenticator
-
-MS = 1_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +77,7 @@ def run_bench(repeats: int = 400, show: Callable[[str], None] = lambda text: Non
 def _vectors(count: int) -> list[FeatureVector]:
     rng = np.random.default_rng(0)
     values = rng.normal(0.5, 0.2, (count, D)).astype(np.float32)
-    return [FeatureVector(k * 40 * MS, k * 40 * MS, values[k], (True, True, True)) for k in range(count)]
+    return [FeatureVector(k * TICK_NS, k * TICK_NS, values[k], (True, True, True)) for k in range(count)]
 
 
 def _prediction_ms(bundle: Bundle, repeats: int) -> tuple[list[float], list[float]]:
@@ -141,7 +140,9 @@ def _tick_overhead_ms(bundle: Bundle, repeats: int) -> list[float]:
     spent = []
     for vector in _vectors(repeats):
         now_ns = vector.captured_ns + 5 * MS
-        seen = SensorSeen("camera", True, vector.captured_ns, vector.captured_ns, 120 * MS, 150 * MS)
+        seen = SensorSeen(
+            "camera", True, vector.captured_ns, vector.captured_ns, SENSOR_TIMEOUT_MS * MS, FREEZE_LIMIT_MS * MS
+        )
         predict.spent_s = 0.0
         begin = time.perf_counter()
         node.tick(vector, (seen,), now_ns)

@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 from hilbridge.bus.port.asyncio_port import BusPort, PortState
 from hilbridge.config import BusConfig, Config
 from hilbridge.core.bridge import Bridge, BridgeConfig
-from hilbridge.core.gate import MS, GateConfig
+from hilbridge.core.gate import GateConfig
 from hilbridge.errors import InputError
 from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
 from hilbridge.intent.predictor import Predictor
 from hilbridge.intent.tremor import TremorGuard
+from hilbridge.limits import MS
 from hilbridge.runtime.live import Judge, LiveBridge, Recorder
 from hilbridge.runtime.node import BridgeNode, Predicts
 from hilbridge.runtime.senses import Senses

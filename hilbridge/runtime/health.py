@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-MS = 1_000_000
+from hilbridge.limits import MS
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,10 +9,10 @@ from typing import Any
 
 from hilbridge.bus.model.error_frames import ErrorState
 from hilbridge.bus.port.asyncio_port import BusPort, PortState, SendResult
-from hilbridge.core.bridge import STOP_GAP_NS, STOP_REPEATS
+from hilbridge.limits import STOP_GAP_NS, STOP_REPEATS, TICK_GRACE_NS
 from hilbridge.records import FeatureVector, Frame
 from hilbridge.runtime.node import BridgeNode
-from hilbridge.runtime.phase import GRACE_NS, locks_to, next_tick
+from hilbridge.runtime.phase import locks_to, next_tick
 from hilbridge.runtime.senses import Senses
 from hilbridge.wire.codec import Decoded
 
@@ -106,7 +106,7 @@ class LiveBridge:
         first = True  # the features seen next are the first
         while not self._stopping.is_set():
             await self._sleep_until(due_ns)
-            vector = await self._features(due_ns + GRACE_NS if lock else due_ns)
+            vector = await self._features(due_ns + TICK_GRACE_NS if lock else due_ns)
             now_ns = self._clock_ns()
             if self.senses.ended or (end_ns is not None and now_ns >= end_ns):
                 return

@@ -9,8 +9,9 @@ from typing import Any
 
 from hilbridge.config import SensorsConfig
 from hilbridge.errors import InputError
+from hilbridge.limits import MS
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample
-from hilbridge.runtime.health import MS, SensorSeen
+from hilbridge.runtime.health import SensorSeen
 from hilbridge.runtime.vision import FindsHands, VisionWorker
 from hilbridge.sensors.source import Source, SourceState
 

@@ -16,7 +16,8 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
-MS = 1_000_000
+from hilbridge.limits import MS
+
 MIN_INTERVAL_MS = 2_200  # between onsets: so that every preparation reaches into the window that ends 0.5 s before
 MIN_DURATION_MS = 800
 MAX_DURATION_MS = 12_000

@@ -16,13 +16,14 @@ from hilbridge.core import session as session_module
 from hilbridge.core.bridge import Bridge, BridgeConfig, sensing_age_ms, verb_name
 from hilbridge.core.deadline import Deadline
 from hilbridge.core.session import Phase, Purpose, Session
+from hilbridge.limits import MS
 from hilbridge.records import Action, Frame, GateDecision, HoldReason
 from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Decoded
 from hilbridge.wire.keys import DEMO_KEY
 from hilbridge.wire.link import WireLink
 from hilbridge.wire.secoc import Authenticator
-from tests.safety.rig import ACT_POUR, ACT_PUT, ACT_TAKE, HOLD, MS, Rig, codec
+from tests.safety.rig import ACT_POUR, ACT_PUT, ACT_TAKE, HOLD, Rig, codec
 
 requirement = pytest.mark.requirement
 VALID = (True, True, True)

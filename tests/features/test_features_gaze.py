@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 
 from hilbridge.features.gaze import GazeFilter
+from hilbridge.limits import MS
 from hilbridge.records import GazeSample
-
-MS = 1_000_000
 
 
 def sample(t_ms: int, x: float, y: float, valid: bool = True) -> GazeSample:

@@ -5,9 +5,8 @@ import pytest
 
 from hilbridge.features import hands
 from hilbridge.features.hands import HandTracker
+from hilbridge.limits import MS
 from hilbridge.records import Hand, HandTracks
-
-MS = 1_000_000
 
 
 def tracks(t_ms: int, *points: tuple[float, float]) -> HandTracks:

@@ -5,10 +5,9 @@ import pytest
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import FRAME, GAZE, HANDS, HUE_BINS, PATCH, D
 from hilbridge.features.scene import histogram, scene_features, shrink
+from hilbridge.limits import MS
 from hilbridge.records import CameraFrame, GazeSample, Hand, HandTracks
 from hilbridge.wearer.person import Wearer
-
-MS = 1_000_000
 
 
 def picture(height: int, width: int) -> np.ndarray:

@@ -21,9 +21,9 @@ from firmware_sim.plant.actuator import LAG_S
 from firmware_sim.secoc import DEMO_KEY
 from firmware_sim.states import Reason, State
 from firmware_sim.torque import Torque
+from hilbridge.limits import MS
 
 requirement = pytest.mark.requirement
-MS = 1_000_000
 
 
 class FakeBus:

@@ -13,7 +13,8 @@ import sys
 import time
 
 from hilbridge.bus.port.asyncio_port import BusPort, SendResult
-from hilbridge.core.bridge import TICK_NS, Bridge, BridgeConfig
+from hilbridge.core.bridge import Bridge, BridgeConfig
+from hilbridge.limits import TICK_NS
 from hilbridge.records import Action, GateDecision, HoldReason
 from hilbridge.wire.codec import Decoded
 from hilbridge.wire.keys import DEMO_KEY

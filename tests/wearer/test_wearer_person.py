@@ -5,11 +5,11 @@ import pytest
 
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import FRAME, STEP_NS
+from hilbridge.limits import MS
 from hilbridge.verbs import VERBS
 from hilbridge.wearer.person import Tremor, Wearer
 from hilbridge.wearer.timeline import BENCHMARK, DEMO, bayes_posterior, cells, statistics
 
-MS = 1_000_000
 S = 1_000_000_000
 
 

@@ -20,6 +20,7 @@ from hilbridge.bus.port.python_can import PythonCanBackend
 from hilbridge.bus.port.simulated import SimulatedBackend
 from hilbridge.bus.port.spec import BusSpec, BusUnavailable, parse_spec
 from hilbridge.bus.port.state import PortCounters, PortState, SendResult
+from hilbridge.limits import STALE_COMMAND_NS
 from hilbridge.records import Frame
 
 __all__ = ["BusPort", "PortCounters", "PortState", "SendResult"]
@@ -28,7 +29,6 @@ _READS_PER_TURN = 256
 _RX_LIMIT = 8192  # frames not yet taken by `receive`; at 500 kbit/s about two seconds of a full bus
 _PENDING_LIMIT = 8
 _RETRY_S = 0.001
-_STALE_NS = 20_000_000  # a command half its 40 ms cycle old is worth less than the next one
 _RECOVERY_S = 0.05
 
 
@@ -291,7 +291,7 @@ class BusPort:
         now_ns = self._clock()
         for key in sorted(self._pending):
             queued_ns, frame = self._pending[key]
-            if now_ns - queued_ns > _STALE_NS:
+            if now_ns - queued_ns > STALE_COMMAND_NS:
                 del self._pending[key]
                 self.counters.dropped_stale += 1
                 continue
