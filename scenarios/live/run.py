@@ -25,7 +25,7 @@ from scenarios.verdict.safety import safety_expectations
 
 MS = 1_000_000
 # A live tick may be up to 40 ms late before the bridge itself holds for it, and a live process has 10 ms of margin
-# (PROTOCOL.md); the device's own deadlines are judged on its own clock and need none.
+# (docs/protocol.md); the device's own deadlines are judged on its own clock and need none.
 LIVE_MARGIN_MS = {"zero_after_fault_ms": 50.0}
 
 

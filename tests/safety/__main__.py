@@ -1,4 +1,4 @@
-"""`python -m tests.safety [PART ...]`: run the proofs of issue 3 and print one table. Exit 1 when a claim does not hold."""
+"""`python -m tests.safety [PART ...]`: run the proofs of the safety contract and print one table. Exit 1 where one fails."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Deliberate defects of controller, gate and link, each planted for one campaign that has to find it (issue 5)."""
+"""Deliberate defects of controller, gate and link, each planted for one campaign that has to find it."""
 
 from __future__ import annotations
 

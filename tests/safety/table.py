@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One claim of issue 3, the figure found, and whether it holds."""
+    """One claim of the safety contract, the figure found, and whether it holds."""
 
     part: str
     claim: str

@@ -1,6 +1,6 @@
 """The asyncio port onto any CAN bus: it never blocks, survives the link going down and up, and counts what is lost.
 
-python-can's asyncio Notifier hangs when a link goes down and its `send(timeout=)` blocks the loop (DESIGN), so the port
+python-can's asyncio Notifier hangs when a link goes down and its `send(timeout=)` blocks the loop, so the port
 owns the descriptor itself. Silence is not an error here: deadlines belong to the session.
 """
 
