@@ -67,7 +67,7 @@ def test_recovery_among_traffic_counts_one_sequence_a_frame_and_the_idle_time_be
     medium.send(sender, FRAME, 1, 0)
     events: list[Event] = []
     while not any(isinstance(e, FrameLost) for e in events):
-        events = medium.advance(medium.next_event_ns or 0)
+        events = medium.advance(medium.due_ns)
     at_ns = max(e.at_ns for e in events)
     for tag in range(200):  # back to back: eleven recessive bits at the end of each, never more
         medium.send(other, WireFrame(0x200), tag, at_ns)
@@ -112,7 +112,7 @@ def test_a_passive_sender_waits_eight_bits_more_than_others() -> None:
     sender, other = medium.attach("sender"), medium.attach("other")
     medium.send(sender, FRAME, 1, 0)
     while medium.node(sender).confinement.tec < 128:
-        medium.advance(medium.next_event_ns or 0)
+        medium.advance(medium.due_ns)
     now_ns = medium.node(sender).earliest_ns - 8 * BIT_NS
     medium.send(other, WireFrame(0x7FF), 9, now_ns)  # less urgent, yet it starts during the eight bits
     events = medium.advance(SECOND_NS)
@@ -140,3 +140,21 @@ def test_counting_rules_alone() -> None:
     node.received()
     assert node.rec == 119
     assert not node.recessive_sequences(200)  # not bus-off: nothing to recover from
+
+
+def test_who_jumps_from_event_to_event_gets_past_a_recovery_among_traffic() -> None:
+    """One sequence is left to count while another node's frame is on the wire: its end is what comes next."""
+    medium = Medium(faults=WireFaults(corruptions=(Corruption(0x100, Where.DATA, count=32),)))
+    sender, other, _ = medium.attach("sender"), medium.attach("other", queue_limit=200), medium.attach("third")
+    medium.send(sender, FRAME, 1, 0)
+    at_ns, events = 0, list[Event]()
+    while not any(isinstance(event, FrameLost) for event in events):
+        at_ns, events = medium.advance_to_event(SECOND_NS)
+    for tag in range(200):
+        medium.send(other, WireFrame(0x7FF), tag, at_ns)
+    told: list[Event] = []
+    while at_ns < 2 * SECOND_NS:
+        at_ns, events = medium.advance_to_event(2 * SECOND_NS)
+        told += events
+    assert (sender, ErrorState.ACTIVE, 0, 0) in changes(told)
+    assert sum(isinstance(event, Delivered) for event in told) == 200

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from hilbridge.bus.model.bits import frame_length
 from hilbridge.bus.model.error_frames import ErrorKind, ErrorState
 from hilbridge.bus.model.events import BusError, Delivered, Enqueued, Event, FrameLost, StateChanged
-from hilbridge.bus.model.faults import Babble, Corruption, QueueStall, Where, WireCut, WireFaults
+from hilbridge.bus.model.faults import FOREVER_NS, Babble, Corruption, QueueStall, Where, WireCut, WireFaults
 from hilbridge.bus.model.frames import WireFrame, arbitration_key
 from hilbridge.bus.model.medium import Medium
 from hilbridge.bus.model.nodes import QueueOrder
@@ -38,13 +38,13 @@ def test_a_frame_arrives_after_exactly_its_bits() -> None:
     frame = WireFrame(0x060, b"12345678")
     assert medium.send(sender, frame, 7, 1000) is Enqueued.QUEUED
     assert medium.advance(1000) == []
-    assert medium.next_event_ns == 1000 + bits(frame) * BIT_NS
+    assert medium.due_ns == 1000 + bits(frame) * BIT_NS
     assert medium.advance(1000 + bits(frame) * BIT_NS - 1) == []
     assert medium.advance(1000 + bits(frame) * BIT_NS) == [
         Delivered(1000 + bits(frame) * BIT_NS, frame, sender, 7, (receiver,))
     ]
     assert medium.queued(sender) == 0
-    assert medium.next_event_ns is None
+    assert medium.due_ns == FOREVER_NS
 
 
 def test_the_next_frame_waits_for_three_bits_of_intermission() -> None:
@@ -126,8 +126,8 @@ def test_how_often_one_looks_changes_nothing(seed: int) -> None:
             while mode == 1 and now_ns < at_ns - 1:
                 now_ns = min(at_ns - 1, now_ns + steps.randrange(1, 100_000))
                 events += medium.advance(now_ns)
-            while mode == 2 and (medium.next_event_ns or at_ns) < at_ns:
-                events += medium.advance(medium.next_event_ns or at_ns)
+            while mode == 2 and medium.due_ns < at_ns:
+                events += medium.advance(max(medium.due_ns, now_ns))
             now_ns = at_ns
             events += medium.advance(at_ns - 1)
             medium.send(nodes[node], WireFrame(can_id, bytes(8)), tag, at_ns)
