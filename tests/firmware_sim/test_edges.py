@@ -7,13 +7,13 @@ from copy import copy
 import pytest
 
 from firmware_sim import e2e, frames, torque
-from firmware_sim.controller import step
 from firmware_sim.e2e import Check, Machine, Receiver
 from firmware_sim.frames import Reject
 from firmware_sim.memory import COUNT_LOST, ECHO_AGE_MAX_MS, ControllerState, Inputs, Received
 from firmware_sim.profiles import profile
 from firmware_sim.states import Reason, State
 from tests.safety.hand import BOOT_NONCE, KEY, POUR, TAKE, Hand
+from tests.safety.stepping import step
 
 requirement = pytest.mark.requirement
 CLEAR = frames.PURPOSE_CLEAR_LATCH

@@ -75,9 +75,7 @@ DEFECTS: tuple[Defect, ...] = (
     ),
     Defect("STOP is ignored", ((TABLE[State.ASSIST], Event.STOP, State.ASSIST),), "bus.stop"),
     Defect("HOLD is ignored", ((TABLE[State.ASSIST], Event.HOLD, State.ASSIST),), "bus.duplicate"),
-    Defect(
-        "a latch opens by itself", ((TABLE[State.LATCHED], Event.SENSORS_GOOD, State.FOLLOW),), "device.tick_overrun"
-    ),
+    Defect("a latch opens by itself", ((TABLE[State.LATCHED], Event.HOLD, State.FOLLOW),), "device.tick_overrun"),
     Defect(
         "straight back from RAMP_DOWN to ASSIST",
         ((TABLE[State.RAMP_DOWN], Event.RAMPED_CLEAN, State.ASSIST),),

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import random
-from copy import copy
 
 from firmware_sim import e2e, frames
 from firmware_sim.memory import Received
 from firmware_sim.receive import receive
 from firmware_sim.states import Reason, State
 from tests.safety.hand import Hand
+from tests.safety.stepping import copied
 from tests.safety.table import Row, Scale
 
 ASSISTED = [code for code in range(1, 22) if code != 5]
@@ -23,7 +23,7 @@ def pairs(count: int, seed: int) -> Row:
     act_counter = (state.receivers[0].counter or 0) + 1
     accepted = pending = failures = 0
     for _ in range(count):
-        victim = copy(state)
+        victim = copied(state)
         values = (2, rng.choice(ASSISTED), rng.randrange(101), state.session, hand.status_counter, rng.randrange(76))
         act = e2e.protect(frames.ACT_CMD, frames.pack(frames.ACT_CMD, values), act_counter)
         receive(victim, Received(frames.ACT_CMD, act), 0, now_ms)

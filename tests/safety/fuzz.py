@@ -13,7 +13,6 @@ import re
 import subprocess
 import sys
 import tempfile
-from copy import copy
 from pathlib import Path
 from types import FunctionType
 
@@ -32,6 +31,7 @@ from hilbridge.wire.link import WireLink
 from hilbridge.wire.secoc import Authenticator
 from tests.safety.hand import Hand
 from tests.safety.rig import codec
+from tests.safety.stepping import copied
 from tests.safety.table import Row, Scale
 
 _IDS = (*frames.RECEIVED_IDS, *frames.OWN_IDS, frames.STOP, 0x7FF)
@@ -66,7 +66,7 @@ def _next_counter(can_id: int) -> int:
 
 def device_takes(can_id: int, body: bytes, plain: bool) -> None:
     """One frame into an armed, READY device. Raises Invalid, or whatever the code raises."""
-    state = copy(_POISED.state)
+    state = copied(_POISED.state)
     receive(state, Received(can_id, body, plain), 7, _NOW_MS)
     fed = state.command_ms == _NOW_MS or state.heartbeat_ms == _NOW_MS
     if fed:

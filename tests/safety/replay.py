@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import random
-from copy import copy
 from itertools import pairwise, product
 
 from firmware_sim import e2e, frames
@@ -12,6 +11,7 @@ from firmware_sim.receive import receive
 from firmware_sim.states import State
 from tests.safety.hand import POUR, Hand
 from tests.safety.rig import ACT_POUR, ACT_TAKE, HOLD, Rig
+from tests.safety.stepping import copied
 from tests.safety.table import Row, Scale
 
 QUEUE = 512
@@ -127,7 +127,7 @@ def earlier_session(seeds: int) -> Row:
 
 def _poised(state: ControllerState, act: Received, auth: Received) -> ControllerState:
     """The device as a perfect adversary wants it: READY, armed, both E2E counters just before the replayed frames."""
-    poised = copy(state)
+    poised = copied(state)
     for frame in (act, auth):
         slot = frames.RECEIVED_IDS.index(frame.can_id)
         ready = e2e.Receiver((frame.data[2] - 1) & 0xFF, e2e.Machine.VALID, (e2e.Check.OK,) * 4)
@@ -143,7 +143,7 @@ def million(count: int, seed: int) -> Row:
     rig.until("READY")
     rig.decision = ACT_TAKE
     rig.run(9000)
-    state = copy(rig.state)
+    state = copied(rig.state)
     state.state = State.READY
     pools = [[f for f in rig.sent if f.can_id in COMMANDS]]
     pools += [[f for f in _recorded(seed + k, 9000) if f.can_id in COMMANDS] for k in (1, 2)]  # same number, other key

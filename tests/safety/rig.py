@@ -7,8 +7,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
-from firmware_sim.controller import step
-from firmware_sim.memory import ControllerState, Inputs, Outputs, Received
+from firmware_sim.memory import ControllerState, Inputs, Received
 from firmware_sim.secoc import DEMO_KEY
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.limits import MS
@@ -16,6 +15,7 @@ from hilbridge.records import Action, Frame, GateDecision, HoldReason
 from hilbridge.wire.codec import Codec, Decoded
 from hilbridge.wire.link import WireLink
 from hilbridge.wire.secoc import Authenticator
+from tests.safety.stepping import Outputs, step
 
 BOOT_NONCE = 0x0B007B00
 ACT_TAKE = GateDecision(Action.ACT, 0, 0.9, HoldReason.NONE)
