@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hilbridge.bus.port.asyncio_port import BusPort, PortState
+from hilbridge.bus.port.asyncio_port import BusPort
+from hilbridge.bus.port.state import PortState
 from hilbridge.config import BusConfig, Config
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.core.gate import GateConfig

@@ -8,7 +8,8 @@ from collections.abc import Callable, Mapping
 from typing import Any
 
 from hilbridge.bus.model.error_frames import ErrorState
-from hilbridge.bus.port.asyncio_port import BusPort, PortState, SendResult
+from hilbridge.bus.port.asyncio_port import BusPort
+from hilbridge.bus.port.state import PortState, SendResult
 from hilbridge.limits import STOP_GAP_NS, STOP_REPEATS, TICK_GRACE_NS
 from hilbridge.records import FeatureVector, Frame
 from hilbridge.runtime.node import BridgeNode

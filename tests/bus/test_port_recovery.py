@@ -8,8 +8,9 @@ from typing import Any
 
 import pytest
 
-from hilbridge.bus.port.asyncio_port import BusPort, SendResult
+from hilbridge.bus.port.asyncio_port import BusPort
 from hilbridge.bus.port.backend import LinkDown, WriteResult
+from hilbridge.bus.port.state import SendResult
 from hilbridge.records import Frame
 
 

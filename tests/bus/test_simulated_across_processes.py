@@ -14,8 +14,9 @@ from itertools import pairwise
 import can
 import pytest
 
-from hilbridge.bus.port.asyncio_port import BusPort, SendResult
+from hilbridge.bus.port.asyncio_port import BusPort
 from hilbridge.bus.port.spec import BusUnavailable
+from hilbridge.bus.port.state import SendResult
 from hilbridge.bus.simulated.client import BusClient, BusNotReachable
 from hilbridge.bus.simulated.server import BusNameTaken, claim
 from hilbridge.records import Frame

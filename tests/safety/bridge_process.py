@@ -12,7 +12,8 @@ import signal
 import sys
 import time
 
-from hilbridge.bus.port.asyncio_port import BusPort, SendResult
+from hilbridge.bus.port.asyncio_port import BusPort
+from hilbridge.bus.port.state import SendResult
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.limits import TICK_NS
 from hilbridge.records import Action, GateDecision, HoldReason

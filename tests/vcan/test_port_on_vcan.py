@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
-from hilbridge.bus.port.asyncio_port import BusPort, SendResult
+from hilbridge.bus.port.asyncio_port import BusPort
 from hilbridge.bus.port.netlink import read_link
+from hilbridge.bus.port.state import SendResult
 from hilbridge.records import Frame
 from tests.bus.lawicel import FakeAdapter
 

@@ -18,12 +18,11 @@ from hilbridge.bus.model.error_frames import ErrorState, read_error_frame
 from hilbridge.bus.port.backend import Backend, LinkDown, WriteResult
 from hilbridge.bus.port.python_can import PythonCanBackend
 from hilbridge.bus.port.simulated import SimulatedBackend
+from hilbridge.bus.port.socketcan import SocketCanBackend
 from hilbridge.bus.port.spec import BusSpec, BusUnavailable, parse_spec
 from hilbridge.bus.port.state import PortCounters, PortState, SendResult
 from hilbridge.limits import STALE_COMMAND_NS
 from hilbridge.records import Frame
-
-__all__ = ["BusPort", "PortCounters", "PortState", "SendResult"]
 
 _READS_PER_TURN = 256
 _RX_LIMIT = 8192  # frames not yet taken by `receive`; at 500 kbit/s about two seconds of a full bus
@@ -100,8 +99,6 @@ class BusPort:
 
     def _open_backend(self) -> Backend:
         if self.spec.interface == "socketcan":
-            from hilbridge.bus.port.socketcan import SocketCanBackend
-
             return SocketCanBackend(self.spec.channel)
         if self.spec.interface == "hilsim":
             return SimulatedBackend(self.spec, self._options)
