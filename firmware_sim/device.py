@@ -11,6 +11,7 @@ from firmware_sim.controller import advance
 from firmware_sim.memory import ControllerState, Inputs, Received
 from firmware_sim.plant.actuator import LAG_S, Actuator
 from firmware_sim.plant.arm import Arm, wearer_torque
+from firmware_sim.states import wire_name
 
 _TICK_S = 0.001
 _MDEG = math.degrees(1000.0)  # in one radian
@@ -88,8 +89,8 @@ class Device:
         state = self.state
         return {
             "t_ms": state.last_tick_ms,
-            "state": state.state.name,
-            "reason": state.reason.name,
+            "state": wire_name(state.state),
+            "reason": wire_name(state.reason),
             "armed": state.armed,
             "session": state.session,
             "verb": state.verb,

@@ -26,6 +26,7 @@ from firmware_sim.keys import KeyUnusable, load_key
 from firmware_sim.memory import COUNT_LOST, COUNT_STALL_TICKS, COUNT_TRIPS, ControllerState
 from firmware_sim.plant.arm import WEARERS
 from firmware_sim.priority import use_realtime_scheduling
+from firmware_sim.states import wire_name
 
 _TICK_NS = 1_000_000
 _WAKE_NS = 2 * _TICK_NS  # frames carry their time of arrival, so waking less often changes no tick
@@ -165,8 +166,8 @@ class Node:
         rejected = {why.name.lower(): state.counters[why] for why in Reject if why and state.counters[why]}
         return {
             "seconds": self.device.ticks / 1000,
-            "state": state.state.name,
-            "reason": state.reason.name,
+            "state": wire_name(state.state),
+            "reason": wire_name(state.reason),
             "received": self.bus.received,
             "sent": self.bus.sent,
             "send_dropped": self.bus.dropped,

@@ -79,6 +79,14 @@ class Reason(IntEnum):
     AUTHORISED = 27
 
 
+_WRITTEN_OTHERWISE = {"SELFTEST": "SelfTest", "ESTOP": "EStop", "E2E_INVALID": "E2EInvalid"}
+
+
+def wire_name(member: State | Reason) -> str:
+    """The name that the DBC's value tables have for it, which logs and recordings use: RAMP_DOWN is RampDown."""
+    return _WRITTEN_OTHERWISE.get(member.name) or "".join(word.capitalize() for word in member.name.split("_"))
+
+
 _LISTED: dict[State, dict[Event, State]] = {
     State.BOOT: {Event.BOOTED: State.SELFTEST, Event.LATCH: State.LATCHED, Event.STOP: State.ESTOP},
     State.SELFTEST: {

@@ -17,6 +17,7 @@ from typing import Any
 from hilbridge.bus.port.spec import parse_spec
 from hilbridge.config import BusConfig, Config
 from hilbridge.errors import InputError
+from hilbridge.rows import GroundTruth
 from hilbridge.run import Outcome, Progress, run_bridge
 from hilbridge.runtime.assemble import read_parts
 from hilbridge.runtime.live import LiveBridge
@@ -103,10 +104,10 @@ def run_demo(options: DemoOptions, progress: Progress = lambda seconds, row: Non
         senses = SimulatedSenses(make_wearer, config.sensors)
         judged = make_wearer()
 
-        def judge(now_ns: int, verb_index: int | None) -> Mapping[str, Any]:
+        def judge(now_ns: int, verb_index: int | None) -> GroundTruth:
             truth = judged.truth(now_ns - senses.epoch_ns)
             intended = None if truth.intended is None else VERBS[truth.intended]
-            return {"truth": intended, "right": None if verb_index is None else truth.is_right(verb_index)}
+            return GroundTruth(intended, None if verb_index is None else truth.is_right(verb_index))
 
         def finish(live: LiveBridge) -> Mapping[str, int]:
             device.stop()

@@ -16,13 +16,14 @@ from hilbridge.observe.recording import BackgroundRecording
 from hilbridge.observe.report import write_report
 from hilbridge.observe.summary import Summary
 from hilbridge.priority import use_realtime_scheduling
+from hilbridge.rows import CountersRow, TickRow
 from hilbridge.runtime.assemble import Parts, live_bridge
 from hilbridge.runtime.live import Judge, LiveBridge
 from hilbridge.runtime.node import Predicts
 from hilbridge.runtime.senses import Senses
 
 # Told the seconds since the start and the newest tick's row.
-Progress = Callable[[float, Mapping[str, Any]], None]
+Progress = Callable[[float, TickRow], None]
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,13 +63,12 @@ async def run_bridge(
     recording = BackgroundRecording(folder / "recording.mcap")
     begin_ns = time.monotonic_ns()
 
-    def on_tick(row: Mapping[str, Any]) -> None:
+    def on_tick(row: TickRow) -> None:
         progress((time.monotonic_ns() - begin_ns) / 1e9, row)
 
     try:
-        recording.write("/event", begin_ns, {"text": title})
         async with live_bridge(
-            config, parts, senses, recording.write, judge=judge, on_tick=on_tick, predict=predict
+            config, parts, senses, recording.write, title=title, judge=judge, on_tick=on_tick, predict=predict
         ) as live:
             _stop_on_signals(live)
             if clear_latch:
@@ -76,7 +76,7 @@ async def run_bridge(
             use_realtime_scheduling()
             await live.run(seconds)
             last = {**live.counters(), **finish(live), "recording.lost_rows": recording.lost_rows}
-            recording.write("/counters", time.monotonic_ns(), last)
+            recording.write(CountersRow(time.monotonic_ns(), last))
     except InputError:  # it never ran: leave nothing behind
         await asyncio.to_thread(recording.discard)
         raise

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any
 
 from rich.console import Console
 from rich.markup import escape
@@ -13,6 +12,8 @@ from rich.table import Table
 
 from hilbridge.doctor import Finding, Verdict
 from hilbridge.observe.summary import Summary
+from hilbridge.records import Action
+from hilbridge.rows import TickRow
 from hilbridge.run import Outcome
 from hilbridge.run import Progress as OnProgress
 
@@ -30,19 +31,19 @@ def live_line(seconds: float | None, quiet: bool) -> Iterator[OnProgress]:
     with Progress(*columns, console=_ERR, transient=True) as bar:
         task = bar.add_task("starting", total=seconds, now="")
 
-        def show(elapsed: float, row: Mapping[str, Any]) -> None:
+        def show(elapsed: float, row: TickRow) -> None:
             bar.update(task, completed=elapsed, description="running", now=describe(row))
 
         yield show
 
 
-def describe(row: Mapping[str, Any]) -> str:
+def describe(row: TickRow) -> str:
     """One tick in a few words."""
-    device = row.get("device") or "no device"
-    if row["action"] == "ACT":
-        return f"[bold green]ACT {row['verb']}[/] {row['confidence']:.2f}  device {device}"
-    likely = f"{row['top'][0][0]} {row['top'][0][1]:.2f}" if row.get("top") else ""
-    return f"[yellow]HOLD[/] {row['reason']}  {likely}  device {device}"
+    device = row.device_state or "no device"
+    if row.action is Action.ACT:
+        return f"[bold green]ACT {row.verb}[/] {row.confidence:.2f}  device {device}"
+    likely = f"{row.top[0][0]} {row.top[0][1]:.2f}" if row.top else ""
+    return f"[yellow]HOLD[/] {row.reason}  {likely}  device {device}"
 
 
 def print_outcome(outcome: Outcome) -> None:

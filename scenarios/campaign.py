@@ -26,10 +26,10 @@ from scenarios.signals.stl import first_ms
 
 # Where a fault strikes: the gate's state at that moment, as conditions on signals.
 GATE_STATES: dict[str, str] = {
-    "hold": "device.state == READY",
+    "hold": "device.state == Ready",
     "turning to act": "gate.act",
     "acting": "device.assist_nm != 0",
-    "turning to hold": "device.state == RAMP_DOWN",
+    "turning to hold": "device.state == RampDown",
 }
 _AFTER_MS = {"hold": 250.0, "turning to act": 60.0, "acting": 900.0, "turning to hold": 45.0}
 # What a short run needs in place of a fault's defaults.

@@ -12,11 +12,9 @@ import os
 import queue
 import struct
 import threading
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator
 from pathlib import Path
 from types import TracebackType
-from typing import Any
 
 from mcap.exceptions import McapError
 from mcap.reader import make_reader
@@ -24,20 +22,10 @@ from mcap.writer import CompressionType, Writer
 
 from hilbridge.errors import InputError
 from hilbridge.priority import Level, take_level
+from hilbridge.rows import Row, decode, encode, json_schema
 
 # A minute of everything the bridge says. A disk that is slower than that loses rows, which are counted and shown.
 _QUEUE_ROWS = 20_000
-
-# topic -> what its rows say; every row is a flat JSON object.
-TOPICS: dict[str, str] = {
-    "/meta": "once: who recorded what, with which configuration",
-    "/tick": "25 Hz: estimate, decision, reason, device state, latency",
-    "/can": "every frame sent and received, with both clocks",
-    "/device": "every CTRL_STATUS and CTRL_MEAS accepted",
-    "/sensors": "1 Hz: every source's state and frame accounts",
-    "/counters": "1 Hz: every counter of the bridge, the port and the codec",
-    "/event": "what a person would want to know: armed, link down, sensor gone, ...",
-}
 
 
 class Recording:
@@ -61,16 +49,16 @@ class Recording:
         self._channels: dict[str, int] = {}
         self._sequence = 0
 
-    def write(self, topic: str, time_ns: int, row: Mapping[str, Any]) -> None:
-        """Append one row. Keys are sorted, so that equal rows are equal bytes."""
+    def write(self, row: Row) -> None:
+        """Append one row. Equal rows are equal bytes."""
+        topic = row.topic
         channel = self._channels.get(topic)
         if channel is None:
-            schema = {"type": "object", "description": TOPICS[topic]}
-            schema_id = self._writer.register_schema(topic.strip("/"), "jsonschema", json.dumps(schema).encode())
+            schema = json.dumps(json_schema(topic)).encode()
+            schema_id = self._writer.register_schema(topic.strip("/"), "jsonschema", schema)
             channel = self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
         self._sequence += 1
-        data = json.dumps(row, sort_keys=True, separators=(",", ":")).encode()
-        self._writer.add_message(channel, time_ns, data, time_ns, self._sequence)
+        self._writer.add_message(channel, row.time_ns, encode(row), row.time_ns, self._sequence)
 
     def close(self) -> None:
         self._writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates all but this one
@@ -96,7 +84,7 @@ class BackgroundRecording:
 
     def __init__(self, path: Path) -> None:
         self._recording = Recording(path)
-        self._rows: queue.Queue[tuple[str, int, Mapping[str, Any]] | None] = queue.Queue(_QUEUE_ROWS)
+        self._rows: queue.Queue[Row | None] = queue.Queue(_QUEUE_ROWS)
         self._thread = threading.Thread(target=self._drain, name="recording", daemon=True)
         self._failure: Exception | None = None
         self._discarded = False
@@ -107,9 +95,9 @@ class BackgroundRecording:
     def path(self) -> Path:
         return self._recording.path
 
-    def write(self, topic: str, time_ns: int, row: Mapping[str, Any]) -> None:
+    def write(self, row: Row) -> None:
         try:
-            self._rows.put_nowait((topic, time_ns, row))
+            self._rows.put_nowait(row)
         except queue.Full:
             self.lost_rows += 1
 
@@ -131,8 +119,8 @@ class BackgroundRecording:
         while (row := self._rows.get()) is not None:
             if self._failure is None:
                 try:
-                    self._recording.write(*row)
-                except (OSError, ValueError, TypeError) as failure:
+                    self._recording.write(row)
+                except (OSError, ValueError, TypeError, struct.error) as failure:
                     self._failure = failure
         try:
             if self._discarded:
@@ -143,22 +131,13 @@ class BackgroundRecording:
             self._failure = failure
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
-    """One row read back."""
-
-    topic: str
-    time_ns: int
-    data: dict[str, Any]
-
-
 def read_recording(path: Path, topics: tuple[str, ...] | None = None) -> Iterator[Row]:
-    """Rows in order of time. Raises InputError when the file is no recording or was cut off."""
+    """Rows in order of time. Raises InputError when the file is no recording, was cut off, or holds other rows."""
     if not path.is_file():
         raise InputError(f"recording {path}: no such file; `hilbridge demo --out DIR` writes DIR/recording.mcap")
     with path.open("rb") as file:
         try:
             for _, channel, message in make_reader(file).iter_messages(topics=topics):
-                yield Row(channel.topic, message.log_time, json.loads(message.data))
+                yield decode(channel.topic, message.log_time, message.data)
         except (McapError, struct.error, ValueError, EOFError) as error:
-            raise InputError(f"recording {path}: not a whole MCAP file ({error}); record it again") from None
+            raise InputError(f"recording {path}: not a whole recording ({error}); record it again") from None

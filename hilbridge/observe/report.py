@@ -3,15 +3,21 @@
 from __future__ import annotations
 
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from operator import attrgetter
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import jinja2
 import markupsafe
 
-from hilbridge.observe.recording import Row, read_recording
+from hilbridge.observe.recording import read_recording
 from hilbridge.observe.summary import Summary, summarise
+from hilbridge.records import Action
+from hilbridge.rows import CanRow, DeviceRow, EventRow, MetaRow, TickRow
+
+R = TypeVar("R", TickRow, DeviceRow)
 
 STATE_COLOURS = {
     "Boot": "#c9ced6",
@@ -29,22 +35,24 @@ _MAX_HOLD_ROWS = 12
 
 def write_report(recording: Path, target: Path) -> Summary:
     """Read a recording, write its page to `target`, return its summary. Raises InputError on a broken recording."""
-    rows = list(read_recording(recording))
+    rows = [row for row in read_recording(recording) if not isinstance(row, CanRow)]
     summary = summarise(rows)
-    meta = next((row.data for row in rows if row.topic == "/meta"), {})
-    events = [row for row in rows if row.topic == "/event"]
-    ticks = [row for row in rows if row.topic == "/tick"]
+    meta = next((row for row in rows if isinstance(row, MetaRow)), MetaRow(0))
+    events = [row for row in rows if isinstance(row, EventRow)]
+    ticks = [row for row in rows if isinstance(row, TickRow)]
+    devices = [row for row in rows if isinstance(row, DeviceRow)]
     start_ns = ticks[0].time_ns if ticks else 0
     environment = jinja2.Environment(
         loader=jinja2.PackageLoader("hilbridge.observe"), autoescape=True, undefined=jinja2.StrictUndefined
     )
     page = environment.get_template("report.html").render(
         title=recording.name,
-        meta=meta,
+        heading=meta.title or meta.scenario or "A run of hilbridge",
+        meta={name: value for name, value in asdict(meta).items() if value is not None and name != "time_ns"},
         summary=summary,
-        events=[((row.time_ns - start_ns) / 1e9, row.data) for row in events],
+        events=[((row.time_ns - start_ns) / 1e9, row.text) for row in events],
         holds=list(summary.hold_reasons.items())[:_MAX_HOLD_ROWS],
-        timeline=markupsafe.Markup(timeline_svg(rows, meta)) if ticks else "",
+        timeline=markupsafe.Markup(timeline_svg(ticks, devices, meta)) if ticks else "",
         latency=markupsafe.Markup(latency_svg(ticks)) if ticks else "",
     )
     target.parent.mkdir(parents=True, exist_ok=True)
@@ -52,64 +60,67 @@ def write_report(recording: Path, target: Path) -> Summary:
     return summary
 
 
-def timeline_svg(rows: Sequence[Row], meta: dict[str, Any]) -> str:
+def timeline_svg(ticks: Sequence[TickRow], devices: Sequence[DeviceRow], meta: MetaRow) -> str:
     """Confidence against its thresholds, the gate, the device's state and its torque, on one time axis."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
-    from matplotlib.patches import Rectangle
 
-    ticks = [row for row in rows if row.topic == "/tick"]
-    states = [row for row in rows if row.topic == "/device" and "state" in row.data]
-    torques = [row for row in rows if row.topic == "/device" and "assist_nm" in row.data]
     start_ns = ticks[0].time_ns
     figure, (top, gate, device, torque) = plt.subplots(
         4, 1, figsize=(11, 7), sharex=True, height_ratios=[3, 0.9, 0.7, 2], layout="constrained"
     )
     seconds = [(row.time_ns - start_ns) / 1e9 for row in ticks]
-    top.plot(seconds, [row.data["confidence"] for row in ticks], color="#1d3557", lw=1.2, label="smoothed confidence")
-    for name, style in (("tau_on", "-"), ("tau_off", ":")):
-        if name in meta:
-            top.axhline(meta[name], color="#d1495b", ls=style, lw=1, label=f"{name} = {meta[name]:.2f}")
+    top.plot(seconds, [row.confidence for row in ticks], color="#1d3557", lw=1.2, label="smoothed confidence")
+    for name, tau, style in (("tau_on", meta.tau_on, "-"), ("tau_off", meta.tau_off, ":")):
+        if tau is not None:
+            top.axhline(tau, color="#d1495b", ls=style, lw=1, label=f"{name} = {tau:.2f}")
     top.set(ylim=(0, 1.02), ylabel="confidence")
     top.legend(loc="upper right", fontsize=8, ncols=3)
-
-    for (begin_s, end_s), data in _runs(ticks, start_ns, ("action", "verb", "right")):
-        if data["action"] == "ACT":
-            wrong = data.get("right") is False
-            gate.axvspan(begin_s, end_s, 0.5, 1.0, color="#d1495b" if wrong else "#2a9d5c", lw=0)
-    for (begin_s, end_s), data in _runs(ticks, start_ns, ("truth",)):
-        if data.get("truth") and end_s - begin_s > 0.4:
-            gate.axvspan(begin_s, end_s, 0.02, 0.44, color="#e5e9f0", lw=0)
-            gate.text((begin_s + end_s) / 2, 0.23, data["truth"], fontsize=6, ha="center", va="center", clip_on=True)
-    gate.set(ylim=(0, 1), yticks=[0.23, 0.75], yticklabels=["wearer", "gate"])
-
-    for (begin_s, end_s), data in _runs(states, start_ns, ("state",)):
-        device.axvspan(begin_s, end_s, color=STATE_COLOURS.get(data["state"], "#000000"), lw=0)
-    device.set(yticks=[], ylabel="device", ylim=(0, 1))
-    shown = {row.data["state"] for row in states}
-    handles = [Rectangle((0, 0), 1, 1, color=colour) for state, colour in STATE_COLOURS.items() if state in shown]
-    device.legend(
-        handles, [s for s in STATE_COLOURS if s in shown], loc="upper right", fontsize=7, ncols=9, framealpha=0.9
-    )
-
-    moments = [(row.time_ns - start_ns) / 1e9 for row in torques]
-    torque.plot(moments, [row.data["assist_nm"] for row in torques], color="#2a9d5c", lw=1, label="assist")
-    torque.plot(moments, [row.data["gravity_nm"] for row in torques], color="#457b9d", lw=1, label="gravity support")
+    _draw_gate(gate, ticks, start_ns)
+    _draw_states(device, devices, start_ns)
+    measured = [row for row in devices if row.assist_nm is not None]
+    moments = [(row.time_ns - start_ns) / 1e9 for row in measured]
+    torque.plot(moments, [row.assist_nm for row in measured], color="#2a9d5c", lw=1, label="assist")
+    torque.plot(moments, [row.gravity_nm for row in measured], color="#457b9d", lw=1, label="gravity support")
     torque.set(ylabel="torque (N m)", xlabel="time (s)", xlim=(0, max(seconds[-1], 0.1)))
     torque.legend(loc="upper right", fontsize=8, ncols=2)
     return as_svg(figure)
 
 
-def latency_svg(ticks: Sequence[Row]) -> str:
+def _draw_gate(axis: Any, ticks: Sequence[TickRow], start_ns: int) -> None:
+    """ACT above, green where it is right and red where it is wrong; the wearer's own verb below."""
+    for (begin_s, end_s), tick in _runs(ticks, start_ns, attrgetter("action", "verb", "right")):
+        if tick.action is Action.ACT:
+            axis.axvspan(begin_s, end_s, 0.5, 1.0, color="#d1495b" if tick.right is False else "#2a9d5c", lw=0)
+    for (begin_s, end_s), tick in _runs(ticks, start_ns, attrgetter("truth")):
+        if tick.truth and end_s - begin_s > 0.4:
+            axis.axvspan(begin_s, end_s, 0.02, 0.44, color="#e5e9f0", lw=0)
+            axis.text((begin_s + end_s) / 2, 0.23, tick.truth, fontsize=6, ha="center", va="center", clip_on=True)
+    axis.set(ylim=(0, 1), yticks=[0.23, 0.75], yticklabels=["wearer", "gate"])
+
+
+def _draw_states(axis: Any, devices: Sequence[DeviceRow], start_ns: int) -> None:
+    from matplotlib.patches import Rectangle
+
+    for (begin_s, end_s), row in _runs(devices, start_ns, attrgetter("state")):
+        axis.axvspan(begin_s, end_s, color=STATE_COLOURS.get(row.state, "#000000"), lw=0)
+    axis.set(yticks=[], ylabel="device", ylim=(0, 1))
+    seen = {row.state for row in devices}
+    shown = [state for state in STATE_COLOURS if state in seen]
+    handles = [Rectangle((0, 0), 1, 1, color=STATE_COLOURS[state]) for state in shown]
+    axis.legend(handles, shown, loc="upper right", fontsize=7, ncols=9, framealpha=0.9)
+
+
+def latency_svg(ticks: Sequence[TickRow]) -> str:
     """Distribution of the time from the picture's capture to its ACT_CMD."""
     import matplotlib
 
     matplotlib.use("Agg")
     import matplotlib.pyplot as plt
 
-    values = [row.data["latency_ms"] for row in ticks if row.data.get("latency_ms") is not None]
+    values = [row.latency_ms for row in ticks if row.latency_ms is not None]
     figure, axis = plt.subplots(figsize=(5.2, 2.6), layout="constrained")
     axis.hist(values, bins=40, color="#457b9d")
     axis.axvline(150, color="#d1495b", lw=1)
@@ -117,16 +128,14 @@ def latency_svg(ticks: Sequence[Row]) -> str:
     return as_svg(figure)
 
 
-def _runs(
-    rows: Sequence[Row], start_ns: int, keys: tuple[str, ...]
-) -> list[tuple[tuple[float, float], dict[str, Any]]]:
-    """Spans of time over which the named values stay the same."""
-    spans: list[tuple[tuple[float, float], dict[str, Any]]] = []
+def _runs(rows: Sequence[R], start_ns: int, key: Callable[[R], object]) -> list[tuple[tuple[float, float], R]]:
+    """Spans of time (begin and end in s) over which the key stays the same, each with its first row."""
+    spans: list[tuple[tuple[float, float], R]] = []
     begin = 0
     for index in range(1, len(rows) + 1):
-        if index == len(rows) or any(rows[index].data.get(k) != rows[begin].data.get(k) for k in keys):
+        if index == len(rows) or key(rows[index]) != key(rows[begin]):
             end_ns = rows[min(index, len(rows) - 1)].time_ns
-            spans.append((((rows[begin].time_ns - start_ns) / 1e9, (end_ns - start_ns) / 1e9), rows[begin].data))
+            spans.append((((rows[begin].time_ns - start_ns) / 1e9, (end_ns - start_ns) / 1e9), rows[begin]))
             begin = index
     return spans
 

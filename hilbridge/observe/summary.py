@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
-from pathlib import Path
 from typing import Any
 
-from hilbridge.observe.recording import Row, read_recording
+from hilbridge.core.gate_figures import GateTick, gate_figures
+from hilbridge.records import Action
+from hilbridge.rows import CountersRow, DeviceRow, Row, SensorsRow, SourceAccount, TickRow
+
+# CTRL_STATUS is due every 20 ms and missed after 60.
+_BELIEVED_NS = 60_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +30,8 @@ class Summary:
     """Figures of one run.
 
     seconds: from the first tick to the last. ticks: 25 Hz decisions.
-    acts, holds: how often the gate switched to ACT, and to HOLD (the hold it starts in counts as one).
-    coverage: share of ticks in ACT. act_only_precision: share of ACT ticks whose verb was the wearer's (paper, E5);
-    None without a known truth or without an ACT. false_assists_per_min: ACT episodes that began with a wrong verb.
+    acts, holds, coverage, act_only_precision, false_assists_per_min: as core.gate_figures defines them; the last two are
+    None without a known truth, precision without an ACT, too.
     hold_reasons: HOLD ticks by named reason. assist_s: time in which the device said its assist was not zero.
     frames_lost: frames that one side sent and the other never had. latency_ms: capture of the picture -> ACT_CMD sent.
     """
@@ -50,7 +52,7 @@ class Summary:
     frames_lost: int
     ticks_missed: int
     latency_ms: Latency
-    sensors: dict[str, dict[str, Any]] = field(default_factory=dict)
+    sensors: dict[str, SourceAccount] = field(default_factory=dict)
     counters: dict[str, int] = field(default_factory=dict)
 
     def as_json(self) -> dict[str, Any]:
@@ -71,68 +73,53 @@ def latency_of(values: Sequence[float]) -> Latency:
 
 def summarise(rows: Iterable[Row]) -> Summary:
     """Fold the rows of one recording (any order of topics, in order of time within each)."""
-    ticks: list[Row] = []
-    devices: list[Row] = []
-    counters: dict[str, int] = {}
-    sensors: dict[str, dict[str, Any]] = {}
+    ticks: list[TickRow] = []
+    devices: list[DeviceRow] = []
+    counts: dict[str, int] = {}
+    sources: dict[str, SourceAccount] = {}
+    end_ns = 0
     for row in rows:
-        if row.topic == "/tick":
-            ticks.append(row)
-        elif row.topic == "/device":
-            devices.append(row)
-        elif row.topic == "/counters":
-            counters = row.data
-        elif row.topic == "/sensors":
-            sensors = row.data
-    actions = [tick.data["action"] for tick in ticks]
-    starts = [now for before, now in zip([None, *ticks], ticks, strict=False) if _action(before) != now.data["action"]]
-    act_ticks = [tick.data for tick in ticks if tick.data["action"] == "ACT"]
-    judged = [tick for tick in act_ticks if tick.get("right") is not None]
-    wrong_starts = [row for row in starts if row.data["action"] == "ACT" and row.data.get("right") is False]
+        end_ns = max(end_ns, row.time_ns)
+        match row:
+            case TickRow():
+                ticks.append(row)
+            case DeviceRow():
+                devices.append(row)
+            case CountersRow():
+                counts = row.counts
+            case SensorsRow():
+                sources = row.sources
+    gate = gate_figures(GateTick(tick.verb, tick.right) for tick in ticks)
     seconds = (ticks[-1].time_ns - ticks[0].time_ns) / 1e9 if len(ticks) > 1 else 0.0
-    knows_truth = any("right" in tick.data for tick in ticks)
+    knows_truth = any(tick.truth_known for tick in ticks)
     return Summary(
         seconds=seconds,
-        ticks=len(ticks),
-        acts=sum(row.data["action"] == "ACT" for row in starts),
-        holds=sum(row.data["action"] == "HOLD" for row in starts),
-        act_only_precision=_share(sum(tick["right"] for tick in judged), len(judged)),
-        coverage=_share(actions.count("ACT"), len(actions)) or 0.0,
-        false_assists_per_min=len(wrong_starts) / (seconds / 60.0) if knows_truth and seconds else None,
-        hold_reasons=dict(
-            Counter(tick.data["reason"] for tick in ticks if tick.data["action"] == "HOLD").most_common()
-        ),
-        verbs_acted=dict(Counter(tick["verb"] for tick in act_ticks).most_common()),
-        device_states=dict(Counter(row.data["state"] for row in devices if "state" in row.data).most_common()),
-        assist_s=_assist_s(devices),
-        frames_sent=counters.get("frames_sent", 0),
-        frames_received=counters.get("frames_received", 0),
-        frames_lost=counters.get("frames_lost", 0),
-        ticks_missed=counters.get("ticks_missed", 0),
-        latency_ms=latency_of([t.data["latency_ms"] for t in ticks if t.data.get("latency_ms") is not None]),
-        sensors=sensors,
-        counters=counters,
+        ticks=gate.ticks,
+        acts=gate.acts,
+        holds=gate.holds,
+        act_only_precision=gate.act_only_precision,
+        coverage=gate.coverage,
+        false_assists_per_min=gate.false_assists_per_min(seconds) if knows_truth and seconds else None,
+        hold_reasons=_counted(str(tick.reason) for tick in ticks if tick.action is Action.HOLD),
+        verbs_acted=_counted(tick.verb for tick in ticks if tick.verb is not None),
+        device_states=_counted(row.state for row in devices),
+        assist_s=_assist_s(devices, end_ns),
+        frames_sent=counts.get("frames_sent", 0),
+        frames_received=counts.get("frames_received", 0),
+        frames_lost=counts.get("frames_lost", 0),
+        ticks_missed=counts.get("ticks_missed", 0),
+        latency_ms=latency_of([tick.latency_ms for tick in ticks if tick.latency_ms is not None]),
+        sensors=sources,
+        counters=counts,
     )
 
 
-def summarise_file(path: Path) -> Summary:
-    """The summary of a recording. Raises InputError when the file cannot be read."""
-    return summarise(read_recording(path, ("/tick", "/device", "/counters", "/sensors")))
+def _counted(words: Iterable[str]) -> dict[str, int]:
+    return dict(Counter(words).most_common())
 
 
-def _action(row: Row | None) -> str | None:
-    return row.data["action"] if row is not None else None
-
-
-def _share(part: int, whole: int) -> float | None:
-    return part / whole if whole else None
-
-
-def _assist_s(devices: list[Row]) -> float:
-    """Time between status frames of which the earlier said that assist is not zero."""
-    status = [row for row in devices if "assist_zero" in row.data]
-    return sum(
-        (after.time_ns - before.time_ns) / 1e9
-        for before, after in itertools.pairwise(status)
-        if not before.data["assist_zero"]
-    )
+def _assist_s(devices: Sequence[DeviceRow], end_ns: int) -> float:
+    """Time between rows of which the earlier says that assist is not zero; a row is believed for 60 ms at most."""
+    until_ns = [row.time_ns for row in devices[1:]] + [end_ns]
+    spans = zip(devices, until_ns, strict=False)
+    return sum(min(next_ns - row.time_ns, _BELIEVED_NS) / 1e9 for row, next_ns in spans if not row.assist_zero)

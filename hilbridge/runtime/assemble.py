@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import secrets
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hilbridge.bus.port.asyncio_port import BusPort
 from hilbridge.bus.port.state import PortState
@@ -20,6 +20,7 @@ from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
 from hilbridge.intent.predictor import Predictor
 from hilbridge.intent.tremor import TremorGuard
 from hilbridge.limits import MS
+from hilbridge.rows import EventRow, MetaRow, TickRow
 from hilbridge.runtime.live import Judge, LiveBridge, Recorder
 from hilbridge.runtime.node import BridgeNode, Predicts
 from hilbridge.runtime.senses import Senses
@@ -113,8 +114,9 @@ async def live_bridge(
     senses: Senses,
     record: Recorder,
     *,
+    title: str,
     judge: Judge | None = None,
-    on_tick: Callable[[Mapping[str, Any]], None] = lambda row: None,
+    on_tick: Callable[[TickRow], None] = lambda row: None,
     predict: Predicts | None = None,
 ) -> AsyncIterator[LiveBridge]:
     """A bridge on its bus, ready to `run()`. Raises InputError when the bus or the key cannot be used."""
@@ -125,25 +127,27 @@ async def live_bridge(
             live.on_port_change(state)
 
     def on_event(now_ns: int, text: str) -> None:
-        record("/event", now_ns, {"text": text})
+        record(EventRow(now_ns, text))
 
     async with open_port(config.bus, on_change) as port:
         node = build_node(parts, port, config.bus, on_event, predict)
         live = LiveBridge(node, port, senses, record, judge=judge, on_tick=on_tick)
-        record("/meta", time.monotonic_ns(), meta_row(config, parts, port))
+        record(meta_row(config, parts, port, title, time.monotonic_ns()))
         yield live
 
 
-def meta_row(config: Config, parts: Parts, port: BusPort) -> dict[str, Any]:
+def meta_row(config: Config, parts: Parts, port: BusPort, title: str, now_ns: int) -> MetaRow:
     """Where a recording comes from."""
-    return {
-        "bus": str(port.spec),
-        "physical": port.is_physical,
-        "listen_only": port.listen_only,
-        "bundle_id": f"{parts.bundle.bundle_id:#06x}",
-        "tau_on": parts.gate.tau_on,
-        "tau_off": parts.gate.tau_off,
-        "camera": config.sensors.camera,
-        "gaze": config.sensors.gaze,
-        "wall_minus_monotonic_ns": time.time_ns() - time.monotonic_ns(),
-    }
+    return MetaRow(
+        now_ns,
+        title=title,
+        bus=str(port.spec),
+        physical=port.is_physical,
+        listen_only=port.listen_only,
+        bundle_id=f"{parts.bundle.bundle_id:#06x}",
+        tau_on=parts.gate.tau_on,
+        tau_off=parts.gate.tau_off,
+        camera=config.sensors.camera,
+        gaze=config.sensors.gaze,
+        wall_minus_monotonic_ns=time.time_ns() - time.monotonic_ns(),
+    )

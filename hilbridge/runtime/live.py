@@ -4,22 +4,33 @@ from __future__ import annotations
 
 import asyncio
 import time
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
+from dataclasses import replace
 
 from hilbridge.bus.model.error_frames import ErrorState
 from hilbridge.bus.port.asyncio_port import BusPort
 from hilbridge.bus.port.state import PortState, SendResult
 from hilbridge.limits import STOP_GAP_NS, STOP_REPEATS, TICK_GRACE_NS
 from hilbridge.records import FeatureVector, Frame
+from hilbridge.rows import (
+    CountersRow,
+    EventRow,
+    GroundTruth,
+    Row,
+    SensorsRow,
+    TickRow,
+    received_row,
+    sent_row,
+    with_truth,
+)
+from hilbridge.runtime.device_view import DeviceView
 from hilbridge.runtime.node import BridgeNode
 from hilbridge.runtime.phase import locks_to, next_tick
 from hilbridge.runtime.senses import Senses
-from hilbridge.wire.codec import Decoded
 
-Recorder = Callable[[str, int, Mapping[str, Any]], None]
-# Judges a decision against what the wearer really wants, where that is known: (now_ns, verb index) -> row entries.
-Judge = Callable[[int, int | None], Mapping[str, Any]]
+Recorder = Callable[[Row], None]
+# Judges a decision against what the wearer really wants, where that is known: (now_ns, verb index).
+Judge = Callable[[int, int | None], GroundTruth]
 
 _BUS_STATES = {
     ErrorState.ACTIVE: 1,
@@ -33,7 +44,7 @@ _HOUSEKEEPING_S = 1.0
 class LiveBridge:
     """Runs until told to stop, until a recording that it plays ends, or until something fails.
 
-    record: takes (topic, time, row). judge: None where the wearer's intention is not known. on_tick: shown each row.
+    record: takes rows. judge: None where the wearer's intention is not known. on_tick: shown each row.
     """
 
     def __init__(
@@ -44,7 +55,7 @@ class LiveBridge:
         record: Recorder,
         *,
         judge: Judge | None = None,
-        on_tick: Callable[[Mapping[str, Any]], None] = lambda row: None,
+        on_tick: Callable[[TickRow], None] = lambda row: None,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.node, self.port, self.senses = node, port, senses
@@ -53,6 +64,7 @@ class LiveBridge:
         self._record, self._judge, self._on_tick, self._clock_ns = record, judge, on_tick, clock_ns
         self._stopping = asyncio.Event()
         self._new_features = asyncio.Event()
+        self._device = DeviceView()
         self._port_drops = 0
         # A device that was alone on the bus had nobody to acknowledge its frames; what it lost then is counted apart.
         self._lost_before_arming: int | None = None
@@ -64,7 +76,7 @@ class LiveBridge:
     def request_stop_frame(self) -> None:
         """Put STOP on the bus: three frames, 10 ms apart. From the loop's own thread."""
         now_ns = self._clock_ns()
-        self._record("/event", now_ns, {"text": "STOP was asked for"})
+        self._record(EventRow(now_ns, "STOP was asked for"))
         self._send_all(self.node.bridge.request_stop(now_ns))
         loop = asyncio.get_running_loop()
         for repeat in range(1, STOP_REPEATS):
@@ -95,7 +107,7 @@ class LiveBridge:
             return
         now_ns = self._clock_ns()
         text = f"bus: {'link up' if state.link_up else 'link down'}, controller {state.controller.name.lower()}"
-        self._record("/event", now_ns, {"text": f"{text}{'; ' + state.reason if state.reason else ''}"})
+        self._record(EventRow(now_ns, f"{text}{'; ' + state.reason if state.reason else ''}"))
         bus_off = state.controller is ErrorState.BUS_OFF
         self.node.bridge.on_bus_state(_BUS_STATES.get(state.controller, 0), bus_off)
         if not state.link_up:
@@ -139,12 +151,13 @@ class LiveBridge:
         sent_ns = self._clock_ns()
         if self._lost_before_arming is None and self.node.bridge.session.armed:
             self._lost_before_arming = self._frames_lost()
-        row = tick.row
-        row["work_ms"] = round((sent_ns - now_ns) / 1e6, 3)
-        row["latency_ms"] = None if vector is None else round((sent_ns - vector.captured_ns) / 1e6, 3)
-        if self._judge is not None:
-            row.update(self._judge(now_ns, tick.decision.verb_index))
-        self._record("/tick", now_ns, row)
+        truth = None if self._judge is None else self._judge(now_ns, tick.decision.verb_index)
+        row = replace(
+            with_truth(tick.row, truth),
+            work_ms=round((sent_ns - now_ns) / 1e6, 3),
+            latency_ms=None if vector is None else round((sent_ns - vector.captured_ns) / 1e6, 3),
+        )
+        self._record(row)
         self._on_tick(row)
 
     async def _sleep_until(self, due_ns: int) -> None:
@@ -163,39 +176,16 @@ class LiveBridge:
             now_ns = self._clock_ns()
             decoded, answers = self.node.receive(frame, frame.received_ns or now_ns)
             self._send_all(answers)
-            self._record("/can", now_ns, _frame_row(frame, "rx", None if decoded is None else decoded.name))
-            if decoded is not None:
-                self._record_device(decoded, now_ns)
-
-    def _record_device(self, decoded: Decoded, now_ns: int) -> None:
-        signals = decoded.signals
-        if decoded.name == "CTRL_STATUS":
-            row = {
-                "state": str(signals["State"]),
-                "reason": str(signals["Reason"]),
-                "verb": str(signals["AppliedVerb"]),
-                "authority": signals["Authority"],
-                "armed": bool(signals["Armed"]),
-                "assist_zero": bool(signals["AssistZero"]),
-            }
-        elif decoded.name == "CTRL_MEAS":
-            row = {
-                "joint": signals["Joint"],
-                "angle_deg": signals["Angle"],
-                "velocity_deg_s": signals["Velocity"],
-                "assist_nm": signals["AssistTorque"],
-                "gravity_nm": signals["GravityTorque"],
-            }
-        else:
-            return
-        self._record("/device", now_ns, row)
+            self._record(received_row(frame, None if decoded is None else decoded.name, now_ns))
+            if decoded is not None and (row := self._device.take(decoded, now_ns)) is not None:
+                self._record(row)
 
     def _send_all(self, frames: list[Frame]) -> None:
         for frame in frames:
             result = self.port.send(frame)
             if result in (SendResult.FULL, SendResult.DOWN):
                 self.node.bridge.on_send_failed(bus_down=result is SendResult.DOWN)
-            self._record("/can", self._clock_ns(), {**_frame_row(frame, "tx", None), "result": str(result)})
+            self._record(sent_row(frame, str(result), self._clock_ns()))
         # Frames that the port had queued and then dropped as stale are sends that failed, too.
         counters = self.port.counters
         drops = counters.dropped_stale + counters.dropped_superseded
@@ -210,8 +200,8 @@ class LiveBridge:
 
     def _keep_house(self) -> None:
         now_ns = self._clock_ns()
-        self._record("/sensors", now_ns, self.senses.accounts())
-        self._record("/counters", now_ns, self.counters())
+        self._record(SensorsRow(now_ns, self.senses.accounts()))
+        self._record(CountersRow(now_ns, self.counters()))
 
     def _frames_lost(self) -> int:
         overflow = self.port.counters.overflow_kernel + self.port.counters.overflow_port
@@ -243,10 +233,3 @@ def _call_on(loop: asyncio.AbstractEventLoop, callback: Callable[[], object]) ->
         loop.call_soon_threadsafe(callback)
     except RuntimeError:  # the loop has closed while the worker finished its last picture
         return
-
-
-def _frame_row(frame: Frame, direction: str, name: str | None) -> dict[str, Any]:
-    row: dict[str, Any] = {"dir": direction, "id": frame.can_id, "data": frame.data.hex()}
-    if direction == "rx":
-        row |= {"name": name, "received_ns": frame.received_ns, "wall_ns": frame.wall_ns, "error": frame.is_error}
-    return row

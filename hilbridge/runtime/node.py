@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Protocol
 
 from hilbridge.core import gate
 from hilbridge.core.bridge import Bridge
@@ -16,6 +16,7 @@ from hilbridge.core.gate import GateConfig, GateState
 from hilbridge.core.session import Session
 from hilbridge.limits import GAP_NS
 from hilbridge.records import FeatureVector, Frame, GateDecision, HoldReason, IntentEstimate
+from hilbridge.rows import TickRow
 from hilbridge.runtime.health import SensorSeen, first_problem
 from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Decoded
@@ -39,7 +40,7 @@ class Tick:
 
     frames: list[Frame]
     decision: GateDecision
-    row: dict[str, Any]
+    row: TickRow
 
 
 class GuardsAgainstTremor(Protocol):
@@ -141,28 +142,29 @@ class BridgeNode:
             self._said[subject] = value
             self._on_event(now_ns, text)
 
-    def _row(
-        self, decision: GateDecision, problem: str | None, vector: FeatureVector | None, now_ns: int
-    ) -> dict[str, Any]:
-        estimate, device = self._estimate, self.bridge.device
-        top: list[list[Any]] = []
-        if estimate is not None:
-            ranked = sorted(range(len(estimate.probabilities)), key=estimate.probabilities.__getitem__, reverse=True)
-            top = [[VERBS[k], round(estimate.probabilities[k], 4)] for k in ranked[:3]]
-        return {
-            "action": decision.action.name,
-            "reason": str(decision.reason),
-            "verb": None if decision.verb_index is None else VERBS[decision.verb_index],
-            "confidence": round(decision.confidence, 4),
-            "top": top,
-            "top_confidence": None if estimate is None else round(estimate.confidence, 4),
-            "valid": list(self._vector.valid) if self._vector is not None else [False, False, False],
-            "sensing_age_ms": None if self._vector is None else round((now_ns - self._vector.oldest_input_ns) / 1e6, 2),
-            "sensors": problem,
-            "new_features": vector is not None,
-            "device": None if device is None else device.state,
-            "armed": self.bridge.session.armed,
-        }
+    def _row(self, decision: GateDecision, problem: str | None, vector: FeatureVector | None, now_ns: int) -> TickRow:
+        estimate, device, newest = self._estimate, self.bridge.device, self._vector
+        return TickRow(
+            now_ns,
+            decision.action,
+            decision.reason,
+            round(decision.confidence, 4),
+            None if decision.verb_index is None else VERBS[decision.verb_index],
+            top=() if estimate is None else _likeliest(estimate),
+            top_confidence=None if estimate is None else round(estimate.confidence, 4),
+            valid=(False, False, False) if newest is None else newest.valid,
+            sensing_age_ms=None if newest is None else round((now_ns - newest.oldest_input_ns) / 1e6, 2),
+            sensor_problem=problem,
+            new_features=vector is not None,
+            device_state=None if device is None else device.state,
+            armed=self.bridge.session.armed,
+        )
+
+
+def _likeliest(estimate: IntentEstimate) -> tuple[tuple[str, float], ...]:
+    """The three likeliest verbs with their probabilities."""
+    ranked = sorted(range(len(estimate.probabilities)), key=estimate.probabilities.__getitem__, reverse=True)
+    return tuple((VERBS[k], round(estimate.probabilities[k], 4)) for k in ranked[:3])
 
 
 def _arming(session: Session) -> str:

@@ -11,6 +11,7 @@ from hilbridge.config import SensorsConfig
 from hilbridge.errors import InputError
 from hilbridge.limits import MS
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample
+from hilbridge.rows import SourceAccount
 from hilbridge.runtime.health import SensorSeen
 from hilbridge.runtime.vision import FindsHands, VisionWorker
 from hilbridge.sensors.source import Source, SourceState
@@ -81,17 +82,19 @@ class Senses:
         )
         return (camera, gaze)
 
-    def accounts(self) -> dict[str, dict[str, Any]]:
+    def accounts(self) -> dict[str, SourceAccount]:
         """Every value of every cell and what became of it."""
         cells: dict[str, Any] = {"camera": self.camera.cell, "features": self.vision.vectors}
         if self.gaze is not None:
             cells["gaze"] = self.gaze.cell
-        rows: dict[str, dict[str, Any]] = {}
+        accounts: dict[str, SourceAccount] = {}
         for name, cell in cells.items():
             counts = cell.counts()
-            rows[name] = {key: getattr(counts, key) for key in ("received", "used", "overwritten", "failed", "pending")}
-        rows["camera"]["with_hands"] = self.vision.frames_with_hands
-        return rows
+            with_hands = self.vision.frames_with_hands if name == "camera" else None
+            accounts[name] = SourceAccount(
+                counts.received, counts.used, counts.overwritten, counts.failed, counts.pending, with_hands
+            )
+        return accounts
 
 
 def open_senses(config: SensorsConfig) -> Senses:

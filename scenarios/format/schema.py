@@ -143,7 +143,7 @@ class Step(_Part):
     fault: str
     at: Duration | None = None
     every: Duration | None = None
-    when: str | None = Field(None, description="a condition on signals, such as device.state == ASSIST")
+    when: str | None = Field(None, description="a condition on signals, such as device.state == Assist")
     after: Duration = Field(0, description="so long after `when` first holds")
     for_: Annotated[Duration | None, Field(alias="for", description="how long; default: to the end")] = None
     options: dict[str, float] = Field(default_factory=dict, alias="with")

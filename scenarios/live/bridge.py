@@ -11,18 +11,17 @@ import os
 import signal
 import threading
 import time
-from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from multiprocessing.connection import Connection
 from pathlib import Path
-from typing import Any
 
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.bus.port.state import PortState
 from hilbridge.config import BusConfig, Config
 from hilbridge.errors import InputError
 from hilbridge.priority import use_realtime_scheduling
+from hilbridge.rows import CountersRow, EventRow, GroundTruth, Row, encode
 from hilbridge.runtime.assemble import Parts, build_node, meta_row
 from hilbridge.runtime.live import LiveBridge
 from hilbridge.verbs import VERBS
@@ -32,6 +31,7 @@ from scenarios.live.port import TappedPort
 from scenarios.live.senses import edge_senses
 from scenarios.world.fault_board import FaultBoard
 from scenarios.world.intent import bundle, gate_config, make_predictor
+from scenarios.world.recorded import UnknownMind
 from scenarios.world.sensing import person
 from scenarios.world.tap import Tap
 
@@ -61,10 +61,13 @@ class RowLog:
     def __init__(self, path: Path) -> None:
         self._file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, 0o644)
 
-    def write(self, topic: str, time_ns: int, row: Mapping[str, Any]) -> None:
+    def write(self, row: Row) -> None:
         """Append one; a recorder for the live bridge."""
-        line = json.dumps({"topic": topic, "time_ns": time_ns, "row": row}, separators=(",", ":"))
-        os.write(self._file, line.encode() + b"\n")
+        os.write(self._file, b'{"topic":"%b","time_ns":%d,"row":%b}\n' % (row.topic.encode(), row.time_ns, encode(row)))
+
+    def write_effects(self, effects: list[int]) -> None:
+        """How often each step of the script has taken effect in this process so far."""
+        os.write(self._file, json.dumps({"effects": effects, "time_ns": time.monotonic_ns()}).encode() + b"\n")
 
 
 @cache
@@ -106,22 +109,25 @@ class BridgeProcess:
             senses = edge_senses(self._scenario, self._board, epoch_ns)
             wearer = person(self._scenario)
 
-            def judge(now_ns: int, verb_index: int | None) -> Mapping[str, Any]:
+            def judge(now_ns: int, verb_index: int | None) -> GroundTruth:
                 truth = wearer.truth(max(0, now_ns - epoch_ns))
                 intended = None if truth.intended is None else VERBS[truth.intended]
-                return {"truth": intended, "right": None if verb_index is None else truth.is_right(verb_index)}
+                return GroundTruth(intended, None if verb_index is None else truth.is_right(verb_index))
 
-            self._live = LiveBridge(node, port, senses, self._log.write, judge=judge, on_tick=self._note_effects)
-            self._log.write("/meta", time.monotonic_ns(), meta_row(Config(bus=bus), parts, port))
+            known = None if isinstance(wearer.truth(0), UnknownMind) else judge
+            self._live = LiveBridge(
+                node, port, senses, self._log.write, judge=known, on_tick=lambda row: self._note_effects()
+            )
+            self._log.write(meta_row(Config(bus=bus), parts, port, self._scenario.name, time.monotonic_ns()))
             threading.Thread(target=self._obey, args=(asyncio.get_running_loop(),), daemon=True).start()
             use_realtime_scheduling()
             await asyncio.sleep(max(0.0, (epoch_ns - time.monotonic_ns()) / 1e9))
             await self._live.run()
         finally:
-            self._note_effects({})
+            self._note_effects()
             lost = {"bridge.tap_lost": self._out.lost, "device.tap_lost": self._into.lost}
             if self._live is not None:
-                self._log.write("/counters", time.monotonic_ns(), {**self._live.counters(), **lost})
+                self._log.write(CountersRow(time.monotonic_ns(), {**self._live.counters(), **lost}))
             await port.close()
 
     def _await_go(self) -> int | None:
@@ -157,14 +163,14 @@ class BridgeProcess:
             case ("stall", seconds):
                 time.sleep(float(seconds))
 
-    def _note_effects(self, row: Mapping[str, Any]) -> None:
+    def _note_effects(self) -> None:
         effects = [active.effects for active in self._board.all]
         if effects != self._effects:
             self._effects = effects
-            self._log.write("/effects", time.monotonic_ns(), {"effects": effects})
+            self._log.write_effects(effects)
 
     def _on_event(self, now_ns: int, text: str) -> None:
-        self._log.write("/event", now_ns, {"text": text})
+        self._log.write(EventRow(now_ns, text))
 
     def _on_port_change(self, state: PortState) -> None:
         if self._live is not None:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
 
+from hilbridge.rows import TickRow
 from scenarios.signals.bridge import absent_bridge, bridge_signals
 from scenarios.signals.tracks import Tracks, Value
 from scenarios.world.fault_board import FOREVER_NS
@@ -15,14 +15,14 @@ TICK_NS = 40 * MS
 SILENT_NS = 100 * MS
 
 
-def put_bridge(tracks: Tracks, ticks: Sequence[tuple[int, Mapping[str, Any]]], away: Iterable[tuple[int, str]]) -> None:
+def put_bridge(tracks: Tracks, ticks: Sequence[TickRow], away: Iterable[tuple[int, str]]) -> None:
     """Put the bridge's signals: its rows by time (ns from the scenario's 0), and when it was hung, stalled or killed."""
     told: list[tuple[int, dict[str, Value]]] = [(when_ns, absent_bridge(why)) for when_ns, why in away]
-    told += [(now_ns, bridge_signals(row)) for now_ns, row in ticks]
-    ends_ns = [next_ns for next_ns, _ in ticks[1:]] + [FOREVER_NS]
-    for (now_ns, _), end_ns in zip(ticks, ends_ns, strict=False):
-        if end_ns - now_ns > SILENT_NS:
-            told.append((now_ns + SILENT_NS, absent_bridge("silent")))
+    told += [(row.time_ns, bridge_signals(row)) for row in ticks]
+    ends_ns = [row.time_ns for row in ticks[1:]] + [FOREVER_NS]
+    for row, end_ns in zip(ticks, ends_ns, strict=False):
+        if end_ns - row.time_ns > SILENT_NS:
+            told.append((row.time_ns + SILENT_NS, absent_bridge("silent")))
     for now_ns, signals in sorted(told, key=lambda entry: entry[0]):
         for name, value in signals.items():
             if value == "silent" and tracks.now.get("gate.reason") in ("hung", "stalled", "dead"):
@@ -30,7 +30,7 @@ def put_bridge(tracks: Tracks, ticks: Sequence[tuple[int, Mapping[str, Any]]], a
             tracks.put(max(0, now_ns) / MS, name, value)
 
 
-def missing_ticks(ticks: Sequence[tuple[int, Mapping[str, Any]]], from_ns: int, until_ns: int) -> int:
+def missing_ticks(ticks: Sequence[TickRow], from_ns: int, until_ns: int) -> int:
     """How many of the ticks that were due in that time were not there."""
-    had = sum(from_ns <= now_ns < until_ns for now_ns, _ in ticks)
+    had = sum(from_ns <= row.time_ns < until_ns for row in ticks)
     return max(0, (until_ns - from_ns) // TICK_NS - had)

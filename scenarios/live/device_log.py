@@ -7,12 +7,12 @@ between lines. Ages are on the device's own clock, so that a stalled computer is
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from scenarios.signals.device import DEVICE_AT_REST, device_signals
+from hilbridge.rows import DeviceRow
+from scenarios.signals.device import DEVICE_AT_REST, DeviceLine, device_signals
 from scenarios.signals.tracks import Value
 
 MS = 1_000_000
@@ -27,15 +27,15 @@ class Ages:
         self.hold_since_ms: int | None = None
         self.stop_ms: int | None = None
 
-    def take(self, row: Mapping[str, Any]) -> None:
-        """The next line that has a state."""
-        self.stop_ms = row["stop_ms"]
-        if not row["accepted_live"]:
+    def take(self, line: DeviceLine) -> None:
+        """The next line."""
+        row, self.stop_ms = line.row, line.stop_ms
+        if not line.accepted_live:
             return
-        if not row["accepted_hold"]:
-            self.act_ms, self.hold_since_ms = row["accepted_ms"], None
+        if not row.accepted_hold:
+            self.act_ms, self.hold_since_ms = row.accepted_ms, None
         elif self.hold_since_ms is None:
-            self.hold_since_ms = row["t_ms"]
+            self.hold_since_ms = row.device_ms
 
     @property
     def since(self) -> dict[str, int | None]:
@@ -50,28 +50,28 @@ class Ages:
 _STRAIGHT = ("device.assist_nm", "device.gravity_nm", "device.angle_deg", "device.velocity_deg_s")
 
 
-def device_now(row: Mapping[str, Any], ages: Ages) -> dict[str, Value]:
+def device_now(row: DeviceRow, ages: Ages) -> dict[str, Value]:
     """Every signal of the device at one line, for conditions; `ages` has taken it in."""
     counted = {
-        name: float(DEVICE_AT_REST[name]) if since_ms is None else float(row["t_ms"] - since_ms)
+        name: float(DEVICE_AT_REST[name]) if since_ms is None else float((row.device_ms or 0) - since_ms)
         for name, since_ms in ages.since.items()
     }
     return {**device_signals(row), **counted}
 
 
-def device_columns(rows: Sequence[Mapping[str, Any]], start_ns: int, length: int) -> dict[str, Column]:
+def device_columns(lines: Sequence[DeviceLine], start_ns: int, length: int) -> dict[str, Column]:
     """Every signal of the device on the grid of `length` milliseconds from `start_ns` of the monotonic clock."""
     ages = Ages()
     told: list[dict[str, Value]] = []
     since: list[dict[str, int | None]] = []
-    for row in rows:
-        ages.take(row)
-        told.append(device_signals(row))
+    for line in lines:
+        ages.take(line)
+        told.append(device_signals(line.row))
         since.append(ages.since)
-    at_ms = np.array([(row["ends_ns"] - start_ns) / MS for row in rows])
+    at_ms = np.array([(line.row.time_ns - start_ns) / MS for line in lines])
     grid = np.arange(length, dtype=np.float64)
     held = np.maximum(np.searchsorted(at_ms, grid, side="right") - 1, 0)
-    device_ms = np.array([row["t_ms"] for row in rows], np.float64)[held] + np.maximum(grid - at_ms[held], 0.0)
+    device_ms = np.array([line.row.device_ms for line in lines], np.float64)[held] + np.maximum(grid - at_ms[held], 0.0)
     columns: dict[str, Column] = {}
     for name in told[0]:
         values = [signals[name] for signals in told]

@@ -17,6 +17,7 @@ from firmware_sim.attachment import Attachment, BusUnusable
 from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
+from hilbridge.rows import Row, TickRow, from_fields
 from scenarios.format.schema import BusPart, Scenario
 from scenarios.format.vocabulary import fault_kind
 from scenarios.live import intruder
@@ -29,6 +30,7 @@ from scenarios.live.life import AWAY, BridgeLife
 from scenarios.live.processes import DeviceHandle, LiveProcess, await_ready
 from scenarios.live.world import PUSHING, DeviceWorld
 from scenarios.signals.bridge import absent_bridge, bridge_signals
+from scenarios.signals.device import DeviceLine, device_line
 from scenarios.signals.stl import holds_now, signal_names
 from scenarios.signals.tracks import Value
 from scenarios.world.fault_board import Active, FaultBoard
@@ -167,29 +169,32 @@ class Director:
             rows += [(row["time_ns"], row) for row in self._bridge.handle.rows.new()]
         for when_ns, row in sorted(rows, key=lambda entry: entry[0]):
             if "topic" in row:
-                self._take_bridge_row(row)
+                self._take_bridge_row(from_fields(row["topic"], when_ns, row["row"]))
+            elif "effects" in row:
+                self._take_effects(row["effects"])
             elif "command" in row:
                 self._world.obeyed(row["command"])
                 self.happened.events.append((when_ns, f"device obeys: {row['command']}"))
             else:
-                self._take_device_row(row)
+                self._take_device_line(device_line(row))
             self._look_for_conditions(when_ns - self.happened.start_ns)
 
-    def _take_bridge_row(self, row: dict[str, Any]) -> None:
+    def _take_bridge_row(self, row: Row) -> None:
         self.happened.bridge_rows.append(row)
-        if row["topic"] == "/tick":
-            self._now.update(bridge_signals(row["row"]))
-        elif row["topic"] == "/effects":
-            for active, before, more in zip(self.board.all, self._effects_before, row["row"]["effects"], strict=True):
-                if _within_the_bridge(active):
-                    active.effects = before + more
+        if isinstance(row, TickRow):
+            self._now.update(bridge_signals(row))
 
-    def _take_device_row(self, row: dict[str, Any]) -> None:
-        self.happened.device_rows.append(row)
-        self._ages.take(row)
-        self._now.update(device_now(row, self._ages))
+    def _take_effects(self, effects: list[int]) -> None:
+        for active, before, more in zip(self.board.all, self._effects_before, effects, strict=True):
+            if _within_the_bridge(active):
+                active.effects = before + more
+
+    def _take_device_line(self, line: DeviceLine) -> None:
+        self.happened.device_lines.append(line)
+        self._ages.take(line)
+        self._now.update(device_now(line.row, self._ages))
         if not self.board.quiet:
-            self._world.saw(row)
+            self._world.saw(line.row)
 
     def _look_for_conditions(self, when_ns: int) -> None:
         for number in sorted(self._waiting):

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
+
+from hilbridge.rows import Row, TickRow
+from scenarios.signals.device import DeviceLine
 
 
 @dataclass(slots=True)
@@ -11,8 +14,8 @@ class Happened:
     """What a live run left: rows of both sides with their own stamps (monotonic ns), faults, and how it ended."""
 
     start_ns: int = 0
-    device_rows: list[dict[str, Any]] = field(default_factory=list)
-    bridge_rows: list[dict[str, Any]] = field(default_factory=list)  # topic, time_ns, row
+    device_lines: list[DeviceLine] = field(default_factory=list)
+    bridge_rows: list[Row] = field(default_factory=list)
     fault_signals: list[tuple[int, dict[str, bool]]] = field(default_factory=list)
     events: list[tuple[int, str]] = field(default_factory=list)
     away: list[tuple[int, str]] = field(default_factory=list)
@@ -21,6 +24,7 @@ class Happened:
     intruder_dropped: int = 0
 
     @property
-    def ticks(self) -> list[tuple[int, dict[str, Any]]]:
+    def ticks(self) -> list[TickRow]:
         """The bridge's ticks, by time from the scenario's 0."""
-        return [(row["time_ns"] - self.start_ns, row["row"]) for row in self.bridge_rows if row["topic"] == "/tick"]
+        ticks = (row for row in self.bridge_rows if isinstance(row, TickRow))
+        return [replace(row, time_ns=row.time_ns - self.start_ns) for row in ticks]

@@ -5,12 +5,13 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
 from hilbridge.observe.recording import Recording
+from hilbridge.rows import CountersRow, DeviceRow, EventRow, MetaRow, Row
 from scenarios.format.schema import Expectation, Scenario
 from scenarios.live.bridge_log import put_bridge
 from scenarios.live.device_log import assist_figures, device_columns
@@ -18,9 +19,9 @@ from scenarios.live.director import Director
 from scenarios.live.happened import Happened
 from scenarios.signals.trace import Trace
 from scenarios.signals.tracks import Tracks
-from scenarios.verdict.figures import gate_figures, zero_after_fault_ms
+from scenarios.verdict.figures import figures_of_ticks, zero_after_fault_ms
 from scenarios.verdict.judging import FaultCount, Judgement, Result, judged
-from scenarios.verdict.outcome import Run, initial_values, with_derived
+from scenarios.verdict.outcome import Run, initial_values, meta_row, with_derived
 from scenarios.verdict.safety import safety_expectations
 
 MS = 1_000_000
@@ -46,20 +47,20 @@ def judge_live(
     scenario: Scenario, happened: Happened, faults: tuple[FaultCount, ...], took_s: float, where: str
 ) -> Run:
     """Signals, figures and verdicts of what was recorded."""
-    if not happened.device_rows:
+    if not happened.device_lines:
         raise InputError(f"{where}: the device's log is empty; is the disk full?")
     seconds = scenario.duration / 1e9
     trace = live_trace(scenario, happened)
-    ticks = [row for now_ns, row in happened.ticks if 0 <= now_ns <= scenario.duration]
-    summary, counters = happened.device_summary, last_counters(happened)
+    ticks = [row for row in happened.ticks if 0 <= row.time_ns <= scenario.duration]
+    summary = happened.device_summary
     figures = {
-        **gate_figures(ticks, seconds),
+        **figures_of_ticks(ticks),
         **assist_figures(trace.values),
         "max_assist_nm": float(summary.get("peak_assist_nm", 0.0)),
         "zero_after_fault_ms": zero_after_fault_ms(trace),
         "trips": float(summary.get("trips", 0)),
         "frames_rejected": float(sum(summary.get("rejected", {}).values())),
-        "frames_lost": float(summary.get("lost_frames", 0)) + counters["wire.LostFrames"],
+        "frames_lost": float(all_counters(happened)["frames_lost"]),
     }
     expected = tuple(with_margin(expectation) for expectation in scenario.expect)
     judgements = judged(expected, trace, figures, safety=False, where=where)
@@ -85,8 +86,9 @@ def live_trace(scenario: Scenario, happened: Happened) -> Trace:
             tracks.put(now_ns / MS, name, value)
     put_bridge(tracks, happened.ticks, happened.away)
     trace = tracks.trace(scenario.duration / MS, initial_values(scenario))
-    columns = device_columns(happened.device_rows, happened.start_ns, trace.length)
-    return with_derived(Trace(trace.step_ms, trace.length, {**trace.values, **columns}))
+    columns = device_columns(happened.device_lines, happened.start_ns, trace.length)
+    silent = trace.silent - columns.keys()
+    return with_derived(Trace(trace.step_ms, trace.length, {**trace.values, **columns}, silent))
 
 
 def last_counters(happened: Happened) -> dict[str, int]:
@@ -94,10 +96,10 @@ def last_counters(happened: Happened) -> dict[str, int]:
     total: dict[str, int] = {"wire.LostFrames": 0}
     last: dict[str, int] = {}
     for row in happened.bridge_rows:
-        if row["topic"] == "/meta":  # the next process
+        if isinstance(row, MetaRow):  # the next process
             total, last = _sum(total, last), {}
-        elif row["topic"] == "/counters":
-            last = row["row"]
+        elif isinstance(row, CountersRow):
+            last = dict(row.counts)
     return _sum(total, last)
 
 
@@ -114,22 +116,34 @@ def _all_lived(happened: Happened) -> Judgement:
 
 def write_recording(scenario: Scenario, spec: BusSpec, happened: Happened, path: Path) -> None:
     """Everything that both sides and the director wrote, in order of time, as one MCAP file like virtual time's."""
-    rows = sorted(_all_rows(happened), key=lambda row: row[1])
     with Recording(path) as out:
-        meta = {"scenario": scenario.name, "seed": scenario.seed, "live": str(spec), "start_ns": happened.start_ns}
-        out.write("/meta", 0, meta)
-        for topic, time_ns, row in rows:
-            out.write(topic, max(0, time_ns - happened.start_ns), row)
-        counters = {**last_counters(happened), "intruder.send_dropped": happened.intruder_dropped}
-        out.write("/counters", scenario.duration, {**counters, "device": happened.device_summary})
+        out.write(meta_row(scenario, str(spec), happened.start_ns))
+        for row in sorted(_all_rows(happened), key=lambda row: row.time_ns):
+            out.write(replace(row, time_ns=max(0, row.time_ns - happened.start_ns)))
+        out.write(CountersRow(scenario.duration, all_counters(happened)))
 
 
-def _all_rows(happened: Happened) -> Iterator[tuple[str, int, dict[str, Any]]]:
+def all_counters(happened: Happened) -> dict[str, int]:
+    """The bridge's counters, the intruder's, and what the device said of itself in its last words."""
+    summary = happened.device_summary
+    said = {f"device.{name}": value for name, value in summary.items() if isinstance(value, int)}
+    rejected = {f"device.rejected_{why}": count for why, count in summary.get("rejected", {}).items()}
+    bridge = last_counters(happened)
+    lost = int(summary.get("lost_frames", 0)) + bridge["wire.LostFrames"]
+    return {
+        **bridge,
+        **said,
+        **rejected,
+        "intruder.send_dropped": happened.intruder_dropped,
+        "frames_lost": lost,
+    }
+
+
+def _all_rows(happened: Happened) -> Iterator[Row]:
     for row in happened.bridge_rows:
         # What the bridge heard of the device stands in its /can rows; /device is the device's own word, as elsewhere.
-        if row["topic"] not in ("/device", "/effects"):
-            yield row["topic"], row["time_ns"], row["row"]
-    for row in happened.device_rows:
-        yield "/device", row["ends_ns"], row
+        if not isinstance(row, DeviceRow | MetaRow):
+            yield row
+    yield from (line.row for line in happened.device_lines)
     for time_ns, text in happened.events:
-        yield "/event", time_ns, {"text": text}
+        yield EventRow(time_ns, text)

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from typing import Any
+from collections.abc import Callable
 
+from hilbridge.rows import DeviceRow
 from scenarios.world.arm import tremor_torque_nm
 from scenarios.world.fault_board import Active, FaultBoard
 
@@ -59,9 +59,9 @@ class DeviceWorld:
             if (active := next(waiting, None)) is not None:
                 active.took_effect()
 
-    def saw(self, row: Mapping[str, Any]) -> None:
+    def saw(self, row: DeviceRow) -> None:
         """A line of the device's log, with faults under way."""
-        torque = any(row[part] for part in ("assist_nm", "gravity_nm", "follow_nm"))
+        torque = any((row.assist_nm, row.gravity_nm, row.follow_nm))
         for fault, command in _LASTING.items():
             active = self._board.get(fault)
             # A lag does nothing to a motor that gives no torque.

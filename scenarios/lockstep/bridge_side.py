@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import random
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hilbridge.bus.model.error_frames import ErrorState
 from hilbridge.bus.simulated.protocol import Arrival
@@ -12,6 +12,7 @@ from hilbridge.config import SensorsConfig
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.intent.tremor import TremorGuard
 from hilbridge.records import CameraFrame, FeatureVector, Frame, GazeSample
+from hilbridge.rows import EventRow, GroundTruth, TickRow, received_row, sent_row, with_truth
 from hilbridge.runtime.health import SensorSeen
 from hilbridge.runtime.node import BridgeNode, Tick
 from hilbridge.verbs import VERBS
@@ -23,7 +24,7 @@ from scenarios.signals.bridge import absent_bridge, bridge_signals
 from scenarios.signals.tracks import Value
 from scenarios.world.fault_board import Active
 from scenarios.world.intent import bundle, gate_config, make_predictor
-from scenarios.world.recorded import make_assembler
+from scenarios.world.recorded import UnknownMind, make_assembler
 from scenarios.world.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, detected, edges
 from scenarios.world.tap import Tap
 
@@ -54,10 +55,11 @@ class BridgeSide:
         self.world, self.tap = world, tap
         scenario = world.scenario
         self._camera, self._gaze, self._hands = edges(world.body, world.board, scenario.seed)
-        self.ticks: list[dict[str, Any]] = []
+        self.ticks: list[TickRow] = []
         self.alive = True
         self._hung = self._stalled = False
         self.ticks_missed = 0
+        self.frames_sent = self.frames_received = 0
         self.send_failed = 0
         self.frames_lost_before = 0  # known to processes that died since
         self._nonces = random.Random(f"{scenario.seed}.nonces")
@@ -84,7 +86,7 @@ class BridgeSide:
             self.wire,
             bundle().bundle_id,
             TremorGuard(),
-            lambda now_ns, text: self.world.record("/event", now_ns, {"text": text}),
+            lambda now_ns, text: self.world.record(EventRow(now_ns, text)),
         )
         self._assembler = make_assembler(scenario)
         self._frame: CameraFrame | None = None
@@ -200,12 +202,11 @@ class BridgeSide:
             self._notice(chip)
 
     def _receive(self, now_ns: int) -> None:
+        self.frames_received += len(self._inbox)
         for frame in self._inbox:
             decoded, answers = self.node.receive(frame, frame.received_ns)
             if self.world.is_recorded:
-                name = None if decoded is None else decoded.name
-                row = {"dir": "rx", "id": frame.can_id, "data": frame.data.hex(), "name": name}
-                self.world.record("/can", now_ns, {**row, "received_ns": frame.received_ns})
+                self.world.record(received_row(frame, None if decoded is None else decoded.name, now_ns))
             if answers:
                 self._send(answers)
         self._inbox.clear()
@@ -222,9 +223,10 @@ class BridgeSide:
 
     def _send(self, frames: list[Frame]) -> None:
         now_ns = self.world.clock.time_ns
+        self.frames_sent += len(frames)
         for frame in frames:
             if self.world.is_recorded:
-                self.world.record("/can", now_ns, {"dir": "tx", "id": frame.can_id, "data": frame.data.hex()})
+                self.world.record(sent_row(frame, None, now_ns))
             for when_ns, can_id, data in self.tap.send(frame.can_id, frame.data, now_ns):
                 self.world.put_on_bus(self.world.bridge_station, when_ns, can_id, data, self._not_sent)
 
@@ -235,11 +237,11 @@ class BridgeSide:
     def _note(self, tick: Tick, now_ns: int) -> None:
         truth = self.world.body.calm.truth(now_ns)
         verb = tick.decision.verb_index
-        row = tick.row
-        row["truth"] = None if truth.intended is None else VERBS[truth.intended]
-        row["right"] = None if verb is None else truth.is_right(verb)
+        intended = None if truth.intended is None else VERBS[truth.intended]
+        known = GroundTruth(intended, None if verb is None else truth.is_right(verb))
+        row = with_truth(tick.row, None if isinstance(truth, UnknownMind) else known)
         self.ticks.append(row)
-        self.world.record("/tick", now_ns, row)
+        self.world.record(row)
         self._put(bridge_signals(row))
 
     # Faults of the process

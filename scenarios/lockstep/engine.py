@@ -11,11 +11,10 @@ from __future__ import annotations
 
 import heapq
 import random
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 from firmware_sim.device import Device
-from firmware_sim.memory import ControllerState, Received
+from firmware_sim.memory import COUNT_LOST, ControllerState, Received
 from firmware_sim.plant.actuator import LAG_S
 from firmware_sim.secoc import DEMO_KEY
 from hilbridge.bus.model.error_frames import ErrorState
@@ -25,12 +24,14 @@ from hilbridge.bus.model.frames import WireFrame
 from hilbridge.bus.model.medium import Medium
 from hilbridge.bus.simulated.network import Network, Station
 from hilbridge.bus.simulated.protocol import Arrival
+from hilbridge.rows import EventRow, Row
 from scenarios.format.schema import Scenario
 from scenarios.format.vocabulary import fault_kind
 from scenarios.lockstep.bridge_side import BridgeSide
 from scenarios.lockstep.clock import WorldClock
 from scenarios.lockstep.intruder import Intruder
 from scenarios.lockstep.probes import DeviceProbe
+from scenarios.signals.device import DEVICE_COUNTERS
 from scenarios.signals.stl import holds_now, signal_names
 from scenarios.signals.tracks import Tracks
 from scenarios.world.arm import tremor_torque_nm
@@ -39,7 +40,7 @@ from scenarios.world.sensing import Body
 from scenarios.world.tap import Tap
 
 MS = 1_000_000
-Record = Callable[[str, int, Mapping[str, Any]], None]
+Record = Callable[[Row], None]
 _EVERYBODY = frozenset({"bridge", "device", "intruder"})
 _SENT_BY_BRIDGE = (0x060, 0x061, 0x120, 0x300)
 _DEVICE_FAULTS = ("device.sensor_fault", "device.actuator_lag", "device.torque_bias")
@@ -119,7 +120,9 @@ class Lockstep:
     def counters(self) -> dict[str, int]:
         """Everything that was counted on both sides and on the wire."""
         side = self.bridge
-        device = {f"device.{index}": value for index, value in enumerate(self.device.state.counters)}
+        device = {
+            f"device.{name}": value for name, value in zip(DEVICE_COUNTERS, self.device.state.counters, strict=True)
+        }
         wire = {f"wire.{name}": value for name, value in side.wire.counters.items()}
         self._keep_wire_effects()
         effects = {f"medium.{name}": times for name, times in sorted(self.wire_effects.items())}
@@ -130,7 +133,18 @@ class Lockstep:
             "device.tap_lost": self.device_tap.lost,
             "intruder.send_dropped": self.intruder.dropped,
         }
-        return {**device, **wire, **effects, **sent, "bridge.ticks_missed": side.ticks_missed}
+        totals = {
+            "frames_sent": side.frames_sent,
+            "frames_received": side.frames_received,
+            "frames_lost": self.frames_lost,
+            "ticks_missed": side.ticks_missed,
+        }
+        return {**totals, **device, **wire, **effects, **sent}
+
+    @property
+    def frames_lost(self) -> int:
+        """Frames that one side sent and the other knows it missed."""
+        return self.device.state.counters[COUNT_LOST] + self.bridge.frames_lost
 
     # Faults
 
@@ -142,7 +156,7 @@ class Lockstep:
         now_ns, step = self.clock.time_ns, self.scenario.steps[number]
         active = self.board.strike(number, now_ns)
         self._note_faults()
-        self.record("/event", now_ns, {"text": f"fault: {step.fault} begins"})
+        self.record(EventRow(now_ns, f"fault: {step.fault} begins"))
         self._begin(active)
         if step.for_ is not None:
             self.at(now_ns + step.for_, lambda: self._finish(number))
@@ -157,7 +171,7 @@ class Lockstep:
         if self.board.quiet:
             self.device.wearer_extra_nm = 0.0
         self._note_faults()
-        self.record("/event", self.clock.time_ns, {"text": f"fault: {active.step.fault} ends"})
+        self.record(EventRow(self.clock.time_ns, f"fault: {active.step.fault} ends"))
         self._end(active)
 
     def _note_faults(self) -> None:
@@ -307,5 +321,5 @@ def _received(arrivals: list[Arrival]) -> tuple[Received, ...]:
     )
 
 
-def _unrecorded(topic: str, time_ns: int, row: Mapping[str, Any]) -> None:
+def _unrecorded(row: Row) -> None:
     """Where nobody keeps a recording."""

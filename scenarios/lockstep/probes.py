@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Sequence
 
 from firmware_sim.device import LOG_CYCLE_MS, Device
 from firmware_sim.frames import STOP
 from firmware_sim.memory import COUNT_TRIPS, Received
-from firmware_sim.states import Reason, State
-from scenarios.signals.device import NEVER_MS
+from firmware_sim.states import Reason, State, wire_name
+from hilbridge.rows import Row
+from scenarios.signals.device import NEVER_MS, device_row
 from scenarios.signals.tracks import Tracks
 
 MS = 1_000_000
@@ -23,7 +23,7 @@ class DeviceProbe:
     commands have said HOLD (0 while they say ACT), `device.stop_age_ms` for how long a STOP has stood.
     """
 
-    def __init__(self, tracks: Tracks, record: Callable[[str, int, Mapping[str, Any]], None] | None) -> None:
+    def __init__(self, tracks: Tracks, record: Callable[[Row], None] | None) -> None:
         self._tracks, self._record = tracks, record
         self._hold_since_ms: int | None = None
         self._stopped_ms: int | None = None
@@ -56,7 +56,7 @@ class DeviceProbe:
             put(time_ms, "device.angle_deg", round(57.29578 * device.arm.angle, 3))
             put(time_ms, "device.velocity_deg_s", round(57.29578 * device.arm.velocity, 3))
         if self._record is not None and (changed or ticks % LOG_CYCLE_MS == 0):
-            self._record("/device", now_ns, device.record())
+            self._record(device_row(device.record(), now_ns))
 
     def _put_changes(self, seen: tuple[State, Reason, bool, int, int, int], time_ms: float) -> bool:
         """Whether more has changed than the amount of torque."""
@@ -69,8 +69,8 @@ class DeviceProbe:
         if mark == self._mark:
             return False
         self._mark = mark
-        put(time_ms, "device.state", state.name)
-        put(time_ms, "device.reason", reason.name)
+        put(time_ms, "device.state", wire_name(state))
+        put(time_ms, "device.reason", wire_name(reason))
         put(time_ms, "device.armed", armed)
         put(time_ms, "device.assist_zero", zero)
         put(time_ms, "device.trips", float(trips))

@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
-from firmware_sim.memory import COUNT_LOST, COUNT_TRIPS
+from firmware_sim.memory import COUNT_TRIPS
 from hilbridge.observe.recording import Recording
+from hilbridge.rows import CountersRow
 from scenarios.format.schema import Scenario
 from scenarios.lockstep.engine import Lockstep
 from scenarios.lockstep.timing import Profile, profiled
-from scenarios.verdict.figures import gate_figures, zero_after_fault_ms
+from scenarios.verdict.figures import figures_of_ticks, zero_after_fault_ms
 from scenarios.verdict.judging import FaultCount, Result, judged
-from scenarios.verdict.outcome import Run, initial_values, with_derived
+from scenarios.verdict.outcome import Run, initial_values, meta_row, with_derived
 from scenarios.verdict.safety import safety_expectations
 
 MS = 1_000_000
@@ -40,15 +39,11 @@ def run_scenario(
             world.run()
     else:
         with Recording(recording) as out:
-            out.write("/meta", 0, {"scenario": scenario.name, "seed": scenario.seed})
-
-            def record(topic: str, time_ns: int, row: Mapping[str, Any]) -> None:
-                out.write(topic, time_ns, row)
-
-            world = prepared(Lockstep(scenario, record))
+            out.write(meta_row(scenario))
+            world = prepared(Lockstep(scenario, out.write))
             with closing(world.body):
                 world.run()
-            out.write("/counters", scenario.duration, world.counters())
+            out.write(CountersRow(scenario.duration, world.counters()))
     cpu_s = time.process_time() - cpu_s
     run = judge_world(world, cpu_s, where)
     if parts is None:
@@ -63,14 +58,14 @@ def judge_world(world: Lockstep, cpu_s: float, where: str) -> Run:
     trace = with_derived(world.tracks.trace(scenario.duration / MS, initial_values(scenario)))
     counters = world.device.state.counters
     figures = {
-        **gate_figures(world.bridge.ticks, seconds),
+        **figures_of_ticks(world.bridge.ticks),
         "assist_s": world.probe.assist_ms / 1000.0,
         "assist_energy_j": world.probe.energy_j,
         "max_assist_nm": world.device.peak_assist_unm * 1e-6,
         "zero_after_fault_ms": zero_after_fault_ms(trace),
         "trips": float(counters[COUNT_TRIPS]),
         "frames_rejected": float(sum(counters[1:21])),
-        "frames_lost": float(counters[COUNT_LOST] + world.bridge.frames_lost),
+        "frames_lost": float(world.frames_lost),
     }
     judgements = judged(scenario.expect, trace, figures, safety=False, where=where)
     judgements += judged(safety_expectations(), trace, figures, safety=True, where=where)

@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
-
+from hilbridge.records import Action
+from hilbridge.rows import TickRow
 from scenarios.signals.tracks import Value
 
 UNKNOWN_AGE_MS = 1e6
@@ -20,19 +19,19 @@ _ABSENT: dict[str, Value] = {
 BRIDGE_AT_REST: dict[str, Value] = {**_ABSENT, "gate.reason": "none", "wearer.intended": "None"}
 
 
-def bridge_signals(row: Mapping[str, Any]) -> dict[str, Value]:
-    """What a tick's row says; `truth` and `right` come from whoever knows the wearer's mind."""
-    age_ms = row["sensing_age_ms"]
-    return {
-        "gate.act": row["action"] == "ACT",
-        "gate.verb": str(row["verb"]),
-        "gate.reason": str(row["reason"]),
-        "gate.confidence": float(row["confidence"]),
-        "gate.right": row["right"] is True,
-        "bridge.armed": bool(row["armed"]),
-        "bridge.sensing_age_ms": UNKNOWN_AGE_MS if age_ms is None else float(age_ms),
-        "wearer.intended": str(row["truth"]),
+def bridge_signals(row: TickRow) -> dict[str, Value]:
+    """What a tick's row says."""
+    signals: dict[str, Value] = {
+        "gate.act": row.action is Action.ACT,
+        "gate.verb": str(row.verb),
+        "gate.reason": str(row.reason),
+        "gate.confidence": row.confidence,
+        "bridge.armed": row.armed,
+        "bridge.sensing_age_ms": UNKNOWN_AGE_MS if row.sensing_age_ms is None else row.sensing_age_ms,
     }
+    if row.truth_known:
+        signals |= {"gate.right": row.right is True, "wearer.intended": str(row.truth)}
+    return signals
 
 
 def absent_bridge(why: str) -> dict[str, Value]:

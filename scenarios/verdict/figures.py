@@ -2,35 +2,27 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any
+import math
+from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from hilbridge.core.gate_figures import GateTick, gate_figures
+from hilbridge.rows import TickRow
 from scenarios.signals.trace import Trace
 
-TICK_S = 0.04
 
-
-def gate_figures(ticks: Sequence[Mapping[str, Any]], seconds: float) -> dict[str, float]:
-    """From the bridge's 25 Hz rows.
-
-    acts, holds: switches to ACT, and to HOLD (the hold it starts in counts). coverage: share of ticks in ACT;
-    act_only_precision: share of these whose verb is the wearer's, NaN without any of which that is known.
-    false_assists_per_min: ACT episodes that begin with a wrong verb, a minute.
-    """
-    actions = [row["action"] for row in ticks]
-    begins = [index for index, action in enumerate(actions) if index == 0 or actions[index - 1] != action]
-    acting = [row for row in ticks if row["action"] == "ACT"]
-    known = [row for row in acting if row["right"] is not None]
-    wrong = sum(actions[index] == "ACT" and ticks[index]["right"] is False for index in begins)
+def figures_of_ticks(ticks: Sequence[TickRow]) -> dict[str, float]:
+    """acts, holds, coverage, act_only_precision (NaN without any known) and false_assists_per_min of the bridge's rows."""
+    gate = gate_figures(GateTick(row.verb, row.right) for row in ticks)
+    seconds = (ticks[-1].time_ns - ticks[0].time_ns) / 1e9 if ticks else 0.0
     return {
-        "acts": float(sum(actions[index] == "ACT" for index in begins)),
-        "holds": float(sum(actions[index] == "HOLD" for index in begins)),
-        "coverage": len(acting) / len(ticks) if ticks else 0.0,
-        "act_only_precision": sum(row["right"] is True for row in known) / len(known) if known else float("nan"),
-        "false_assists_per_min": wrong / (seconds / 60.0),
+        "acts": float(gate.acts),
+        "holds": float(gate.holds),
+        "coverage": gate.coverage,
+        "act_only_precision": math.nan if gate.act_only_precision is None else gate.act_only_precision,
+        "false_assists_per_min": gate.false_assists_per_min(seconds),
     }
 
 

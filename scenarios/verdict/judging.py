@@ -8,7 +8,7 @@ from typing import Any
 
 from hilbridge.errors import InputError
 from scenarios.format.schema import Expectation
-from scenarios.signals.stl import FormulaError, judge
+from scenarios.signals.stl import FormulaError, judge, signal_names
 from scenarios.signals.trace import Trace, UnknownSignal
 
 
@@ -23,6 +23,12 @@ class Judgement:
     at_ms: float | None
     value: float | None = None
     safety: bool = False
+    vacuous: bool = False
+
+    @property
+    def is_vacuous_pass(self) -> bool:
+        """It holds, and an implication in it was never put to the test."""
+        return self.holds and self.vacuous
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +114,11 @@ def judged(
     return tuple(_judge_one(expectation, trace, figures, safety, where) for expectation in expectations)
 
 
+def _speaks_at_rest(name: str) -> bool:
+    """Whether a signal's initial value says something: no fault yet, nothing accepted yet."""
+    return name.startswith("fault.") or name.endswith("_age_ms")
+
+
 def _judge_one(
     expectation: Expectation, trace: Trace, figures: dict[str, float], safety: bool, where: str
 ) -> Judgement:
@@ -116,8 +127,20 @@ def _judge_one(
             verdict = judge(expectation.that, trace)
         except (UnknownSignal, FormulaError) as error:
             raise InputError(f"{where}: expectation `{expectation.that}`: {error}") from None
-        name = expectation.name or expectation.that
-        return Judgement(name, expectation.that, verdict.holds, verdict.robustness, verdict.at_ms, None, safety)
+        unheard = sorted(name for name in signal_names(expectation.that) & trace.silent if not _speaks_at_rest(name))
+        if unheard:
+            raise InputError(
+                f"{where}: expectation `{expectation.that}`: {', '.join(unheard)} never had a value in this run"
+            )
+        return Judgement(
+            expectation.name or expectation.that,
+            expectation.that,
+            verdict.holds,
+            verdict.robustness,
+            verdict.at_ms,
+            safety=safety,
+            vacuous=verdict.idle_premises > 0,
+        )
     assert expectation.figure is not None
     value = figures[expectation.figure]
     margins = []

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
+from hilbridge.rows import MetaRow, TickRow
 from scenarios.format.schema import Scenario
 from scenarios.signals.bridge import BRIDGE_AT_REST
 from scenarios.signals.device import DEVICE_AT_REST
 from scenarios.signals.trace import Trace
 from scenarios.verdict.figures import assist_rise_nm_s
 from scenarios.verdict.judging import Result
+from scenarios.world.intent import gate_config
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,8 +20,22 @@ class Run:
 
     result: Result
     trace: Trace
-    ticks: list[dict[str, Any]]
+    ticks: list[TickRow]
     scenario: Scenario
+
+
+def meta_row(scenario: Scenario, bus: str | None = None, start_ns: int | None = None) -> MetaRow:
+    """Which scenario a recording is of; a live one names its bus, and its time 0 on the monotonic clock."""
+    gate = gate_config(scenario.gate)
+    return MetaRow(
+        0,
+        bus=bus,
+        tau_on=gate.tau_on,
+        tau_off=gate.tau_off,
+        scenario=scenario.name,
+        seed=scenario.seed,
+        start_ns=start_ns,
+    )
 
 
 def initial_values(scenario: Scenario) -> dict[str, float | str | bool]:
@@ -32,4 +47,4 @@ def initial_values(scenario: Scenario) -> dict[str, float | str | bool]:
 def with_derived(trace: Trace) -> Trace:
     """Signals that follow from others."""
     values = {**trace.values, "device.assist_rise_nm_s": assist_rise_nm_s(trace)}
-    return Trace(trace.step_ms, trace.length, values)
+    return Trace(trace.step_ms, trace.length, values, trace.silent)

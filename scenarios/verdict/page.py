@@ -99,16 +99,17 @@ def _states(axis: Any, trace: Trace, seconds: Any) -> None:
     from matplotlib.patches import Rectangle
 
     states = trace["device.state"]
-    colours = {name.upper().replace("RAMPDOWN", "RAMP_DOWN"): colour for name, colour in STATE_COLOURS.items()}
     shown: list[str] = []
     edges = [0, *(np.flatnonzero(states[1:] != states[:-1]) + 1), len(states)]
     for begin, end in itertools.pairwise(edges):
         state = str(states[begin])
-        axis.axvspan(seconds[begin], seconds[min(end, len(seconds) - 1)], color=colours.get(state, "#000000"), lw=0)
+        axis.axvspan(
+            seconds[begin], seconds[min(end, len(seconds) - 1)], color=STATE_COLOURS.get(state, "#000000"), lw=0
+        )
         if state not in shown:
             shown.append(state)
     axis.set(yticks=[0.5], yticklabels=["device"], ylim=(0, 1))
-    handles = [Rectangle((0, 0), 1, 1, color=colours.get(state, "#000000")) for state in shown]
+    handles = [Rectangle((0, 0), 1, 1, color=STATE_COLOURS.get(state, "#000000")) for state in shown]
     axis.legend(handles, shown, loc="upper right", fontsize=7, ncols=9, framealpha=0.9)
 
 

@@ -12,19 +12,19 @@ SAFETY: dict[str, str] = {
     "assist never above the largest cap": "always abs(device.assist_nm) <= 2.001",
     "assist rises by at most 10 N m/s": "always device.assist_rise_nm_s <= 10.01",
     "assist only in ASSIST and on the way out": (
-        "always (device.assist_zero or device.state == ASSIST or device.state == RAMP_DOWN"
-        " or device.state == LATCHED or device.state == ESTOP or device.state == PASSIVE)"
+        "always (device.assist_zero or device.state == Assist or device.state == RampDown"
+        " or device.state == Latched or device.state == EStop or device.state == Passive)"
     ),
-    "no assist without an armed session": "always (device.state == ASSIST -> device.armed)",
+    "no assist without an armed session": "always (device.state == Assist -> device.armed)",
     "the bridge acts only on sensing of 150 ms at most": "always (gate.act -> bridge.sensing_age_ms <= 150)",
     "the bridge acts only when armed": "always (gate.act -> bridge.armed)",
     "the device assists only what the bridge asked for": ("always (device.assist_zero or once[0, 200 ms] gate.act)"),
-    "assist ends after 10 s": "always not historically[0, 10.1 s] device.state == ASSIST",
+    "assist ends after 10 s": "always not historically[0, 10.1 s] device.state == Assist",
     "no way into ASSIST but from READY": (
-        "always (rise(device.state == ASSIST) -> once[0, 2 ms] device.state == READY)"
+        "always (rise(device.state == Assist) -> once[0, 2 ms] device.state == Ready)"
     ),
     "a latch stays": (
-        "always (rise(device.state == LATCHED) -> always (device.state == LATCHED or device.state == ESTOP))"
+        "always (rise(device.state == Latched) -> always (device.state == Latched or device.state == EStop))"
     ),
 }
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 from zipfile import BadZipFile
 
 import cv2
@@ -30,6 +30,7 @@ from hilbridge.records import (
     Modality,
     StampSource,
 )
+from hilbridge.rows import TickRow
 from hilbridge.sensors.gaze import open_gaze
 from hilbridge.sensors.hands import HandDetector
 from hilbridge.sensors.models import hand_model_path
@@ -205,14 +206,14 @@ class Replayed:
         """Raises InputError for a file that is absent, cut off, too short, or not the recording of a run."""
         assert session.recording is not None
         name = f"recording {session.recording}"
-        rows = [(row.time_ns, row.data) for row in read_recording(Path(session.recording), ("/tick",))]
+        rows = [row for row in read_recording(Path(session.recording), (TickRow.topic,)) if isinstance(row, TickRow)]
         if not rows:
             raise InputError(f"{name}: has no /tick rows; name the recording of a run or of a scenario")
-        begin_ns = rows[0][0]
-        self._times = [time_ns - begin_ns for time_ns, _ in rows]
+        begin_ns = rows[0].time_ns
+        self._times = [row.time_ns - begin_ns for row in rows]
         try:
-            self._beliefs = [_belief(row) for _, row in rows]
-        except (KeyError, ValueError, TypeError, IndexError) as error:
+            self._beliefs = [_belief(row) for row in rows]
+        except ValueError as error:
             raise InputError(f"{name}: a /tick row cannot be read ({error}); record it again") from None
         _long_enough(name, self._times[-1] + STEP_NS, session.from_, duration_ns)
         self._offset_ns = session.from_ - start_ns
@@ -232,16 +233,15 @@ class Replayed:
     def reset(self) -> None: ...
 
 
-def _belief(row: dict[str, Any]) -> tuple[tuple[float, ...], int, float] | None:
+def _belief(row: TickRow) -> tuple[tuple[float, ...], int, float] | None:
     """The three likeliest verbs as recorded; what is left is spread over the others."""
-    top = [(VERBS.index(verb), float(probability)) for verb, probability in row["top"]]
+    top = [(VERBS.index(verb), float(probability)) for verb, probability in row.top]
     if not top:
         return None
     rest = max(0.0, 1.0 - sum(probability for _, probability in top)) / (len(VERBS) - len(top))
     named = dict(top)
     probabilities = tuple(named.get(index, rest) for index in range(len(VERBS)))
-    # Recordings from before `top_confidence` have the top probability only.
-    return probabilities, top[0][0], float(row.get("top_confidence", top[0][1]))
+    return probabilities, top[0][0], top[0][1] if row.top_confidence is None else row.top_confidence
 
 
 def _long_enough(name: str, has_ns: int, from_ns: int, duration_ns: int) -> None:

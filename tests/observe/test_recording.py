@@ -8,40 +8,39 @@ import pytest
 
 from hilbridge.errors import InputError
 from hilbridge.observe.recording import BackgroundRecording, Recording, read_recording
+from hilbridge.rows import CanRow, Direction, EventRow
+
+FRAME = CanRow(1, Direction.RX, 96, b"\x00\xff")
 
 
 def test_rows_come_back_in_order_of_time(tmp_path: Path) -> None:
     path = tmp_path / "deep" / "a.mcap"
     with Recording(path) as recording:
-        recording.write("/tick", 2, {"b": 1, "a": [1.5, None]})
-        recording.write("/can", 1, {"id": 96})
-    rows = list(read_recording(path))
-    assert [(row.topic, row.time_ns, row.data) for row in rows] == [
-        ("/can", 1, {"id": 96}),
-        ("/tick", 2, {"a": [1.5, None], "b": 1}),
-    ]
-    assert [row.topic for row in read_recording(path, ("/tick",))] == ["/tick"]
+        recording.write(EventRow(2, "later"))
+        recording.write(FRAME)
+    assert list(read_recording(path)) == [FRAME, EventRow(2, "later")]
+    assert list(read_recording(path, (EventRow.topic,))) == [EventRow(2, "later")]
 
 
 def test_equal_rows_are_equal_bytes(tmp_path: Path) -> None:
     for name in ("a", "b"):
         with Recording(tmp_path / name) as recording:
-            recording.write("/tick", 5, {"x": 1, "y": 2} if name == "a" else {"y": 2, "x": 1})
+            recording.write(CanRow(1, Direction.RX, 96, b"\x00\xff"))
     assert (tmp_path / "a").read_bytes() == (tmp_path / "b").read_bytes()
 
 
 def test_the_background_writer_writes_everything(tmp_path: Path) -> None:
     recording = BackgroundRecording(tmp_path / "a.mcap")
     for index in range(500):
-        recording.write("/tick", index, {"n": index})
+        recording.write(EventRow(index, str(index)))
     recording.close()
     assert recording.lost_rows == 0
-    assert [row.data["n"] for row in read_recording(recording.path)] == list(range(500))
+    assert list(read_recording(recording.path)) == [EventRow(index, str(index)) for index in range(500)]
 
 
 def test_a_row_that_cannot_be_written_is_reported_at_the_end(tmp_path: Path) -> None:
     recording = BackgroundRecording(tmp_path / "a.mcap")
-    recording.write("/tick", 0, {"bad": object()})
+    recording.write(EventRow(-1, "MCAP has no time before 0"))
     with pytest.raises(InputError, match=r"a\.mcap"):
         recording.close()
 
@@ -51,11 +50,11 @@ def test_broken_files_are_one_line(tmp_path: Path) -> None:
         list(read_recording(tmp_path / "none.mcap"))
     whole = tmp_path / "a.mcap"
     with Recording(whole) as recording:
-        recording.write("/tick", 0, {"a": 1})
+        recording.write(FRAME)
     for cut in (b"", b"text", whole.read_bytes()[:-20]):
         broken = tmp_path / "broken.mcap"
         broken.write_bytes(cut)
-        with pytest.raises(InputError, match=r"broken\.mcap: not a whole MCAP file"):
+        with pytest.raises(InputError, match=r"broken\.mcap: not a whole recording"):
             list(read_recording(broken))
 
 
@@ -67,10 +66,10 @@ def test_a_place_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
 def test_an_earlier_recording_stays_until_the_new_one_is_whole(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with Recording(path) as recording:
-        recording.write("/event", 1, {"text": "first"})
+        recording.write(EventRow(1, "first"))
     first = path.read_bytes()
     again = BackgroundRecording(path)
-    again.write("/event", 1, {"text": "never began"})
+    again.write(EventRow(1, "never began"))
     assert path.read_bytes() == first
     again.discard()
     assert path.read_bytes() == first

@@ -140,7 +140,7 @@ def test_the_chain_arms_waits_for_neutral_and_assists() -> None:
     assert made.last.decision.action is Action.HOLD
     made.until(State.ASSIST, 200)
     assert made.last.decision.verb_index == POUR
-    assert made.last.row["verb"] == "Pour"
+    assert made.last.row.verb == "Pour"
     assert {"sensors: well", "armed", "device: Ready", "no tremor in the hands"} <= set(made.events)
 
 

@@ -81,7 +81,7 @@ def test_a_fault_that_ends_leaves_another_of_the_same_part_as_it_is() -> None:
     bias, lag, cut, off = both.result.faults
     assert (bias.effects, lag.worked, cut.worked, off.worked) == (1500, True, True, True)
     heard = both.trace["device.state"][2600:2950]
-    assert set(heard) <= {"FOLLOW", "LATCHED"}  # still cut, though the chip came back meanwhile
+    assert set(heard) <= {"Follow", "Latched"}  # still cut, though the chip came back meanwhile
 
 
 @pytest.mark.parametrize(
@@ -111,7 +111,7 @@ def test_assist_that_goes_on_while_the_bridge_hangs_is_assist_nobody_asks_for() 
 
 
 def test_a_fault_that_never_takes_effect_fails_its_scenario() -> None:
-    never = acting({"fault": "gaze.off", "when": "device.state == PASSIVE"})
+    never = acting({"fault": "gaze.off", "when": "device.state == Passive"})
     result = run_scenario(never).result
     assert not result.passed
     assert result.problems() == ["fault gaze.off never took effect (0 strikes)"]
@@ -173,5 +173,5 @@ def test_campaign_samples_are_seeded_and_strike_in_the_named_gate_state() -> Non
     assert samples_of(base, 3, 7, ("bus.cut",)) != samples_of(base, 3, 8, ("bus.cut",))
     run = run_scenario(scenario_for(base, Sample("bus.cut", "turning to hold", 0.0, 400.0, 3000, 0)))
     struck = run.trace["fault.bus.cut"].astype(bool)
-    assert run.trace["device.state"][struck][0] in ("RAMP_DOWN", "READY")
+    assert run.trace["device.state"][struck][0] in ("RampDown", "Ready")
     assert run_sample(base, Sample("bus.cut", "acting", 100.0, 400.0, 3000, 0)).safe

@@ -13,7 +13,8 @@ import pytest
 from firmware_sim import frames as layout
 from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.port.spec import parse_spec
-from hilbridge.records import CameraFrame, GazeSample
+from hilbridge.records import Action, CameraFrame, GazeSample, HoldReason
+from hilbridge.rows import CountersRow, MetaRow, TickRow
 from scenarios import cli
 from scenarios.format.collect import collect
 from scenarios.format.schema import Expectation, Scenario, Step, dump_scenario, scenario_of
@@ -26,6 +27,7 @@ from scenarios.live.run import judge_live, with_margin
 from scenarios.live.senses import EdgeSource
 from scenarios.live.world import DeviceWorld
 from scenarios.runner import sort_out
+from scenarios.signals.device import DeviceLine, device_line
 from scenarios.signals.tracks import Tracks
 from scenarios.verdict.judging import FaultCount
 from scenarios.verdict.junit import write_junit
@@ -152,12 +154,12 @@ def test_skipped_ones_are_in_the_table_and_in_the_json(
 # Logs as signals
 
 
-def line(at_ms: int, state: str, assist_nm: float, **more: Any) -> dict[str, Any]:
-    row = {
+def line(at_ms: int, state: str, assist_nm: float, **more: Any) -> DeviceLine:
+    said = {
         "ends_ns": at_ms * MS,
         "t_ms": at_ms,
         "state": state,
-        "reason": "NONE",
+        "reason": "None",
         "armed": True,
         "assist_nm": assist_nm,
         "gravity_nm": 0.0,
@@ -169,14 +171,17 @@ def line(at_ms: int, state: str, assist_nm: float, **more: Any) -> dict[str, Any
         "accepted_hold": False,
         "trips": 0,
         "stop_ms": None,
+        "session": 1,
+        "verb": 0,
+        "accepted_counter": 0,
     }
-    return {**row, **more}
+    return device_line({**said, **more})
 
 
 def test_words_hold_and_torque_is_straight_between_lines() -> None:
-    rows = [line(0, "READY", 0.0), line(10, "ASSIST", 0.0), line(20, "ASSIST", 1.0), line(30, "RAMP_DOWN", 0.0)]
+    rows = [line(0, "Ready", 0.0), line(10, "Assist", 0.0), line(20, "Assist", 1.0), line(30, "RampDown", 0.0)]
     columns = device_columns(rows, 0, 41)
-    assert list(columns["device.state"][[0, 9, 10, 29, 30, 40]]) == ["READY"] * 2 + ["ASSIST"] * 2 + ["RAMP_DOWN"] * 2
+    assert list(columns["device.state"][[0, 9, 10, 29, 30, 40]]) == ["Ready"] * 2 + ["Assist"] * 2 + ["RampDown"] * 2
     assert columns["device.assist_nm"][[10, 15, 20, 25, 30, 40]] == pytest.approx([0.0, 0.5, 1.0, 0.5, 0.0, 0.0])
     assert list(columns["device.assist_zero"][[19, 20, 29, 30]]) == [1.0, 0.0, 0.0, 1.0]
     figures = assist_figures(columns)
@@ -188,10 +193,10 @@ def test_ages_are_on_the_devices_own_clock_and_grow_between_lines() -> None:
     act = {"accepted_live": True, "accepted_ms": 1005}
     hold = {"accepted_live": True, "accepted_ms": 1050, "accepted_hold": True}
     rows = [
-        line(0, "READY", 0.0, t_ms=1000),
-        line(10, "ASSIST", 0.5, t_ms=1010, **act),
-        line(50, "RAMP_DOWN", 0.3, t_ms=1050, **hold),
-        line(60, "ESTOP", 0.2, t_ms=1060, **hold, stop_ms=1058),
+        line(0, "Ready", 0.0, t_ms=1000),
+        line(10, "Assist", 0.5, t_ms=1010, **act),
+        line(50, "RampDown", 0.3, t_ms=1050, **hold),
+        line(60, "EStop", 0.2, t_ms=1060, **hold, stop_ms=1058),
     ]
     columns = device_columns(rows, 0, 81)
     assert list(columns["device.act_age_ms"][[0, 10, 40, 70]]) == [1e6, 5.0, 35.0, 65.0]
@@ -199,27 +204,26 @@ def test_ages_are_on_the_devices_own_clock_and_grow_between_lines() -> None:
     assert list(columns["device.stop_age_ms"][[59, 60, 80]]) == [0.0, 2.0, 22.0]
 
 
-def tick(action: str, **more: Any) -> dict[str, Any]:
-    row = {"action": action, "verb": None, "reason": "none", "confidence": 0.9, "armed": True, "sensing_age_ms": 30.0}
-    return {**row, "right": None, "truth": None, **more}
+def tick(at_ms: int, action: str) -> TickRow:
+    return TickRow(at_ms * MS, Action[action], HoldReason.NONE, 0.9, armed=True, sensing_age_ms=30.0)
 
 
 def test_a_bridge_that_says_nothing_for_100_ms_asks_for_nothing() -> None:
     tracks = Tracks()
-    put_bridge(tracks, [(0, tick("ACT")), (40 * MS, tick("ACT")), (300 * MS, tick("ACT"))], [])
+    put_bridge(tracks, [tick(0, "ACT"), tick(40, "ACT"), tick(300, "ACT")], [])
     assert tracks.events["gate.act"] == [(0.0, True), (140.0, False), (300.0, True), (400.0, False)]
     assert [value for _, value in tracks.events["gate.reason"]] == ["none", "silent", "none", "silent"]
 
 
 def test_a_bridge_that_is_hung_is_known_to_be() -> None:
     tracks = Tracks()
-    put_bridge(tracks, [(0, tick("ACT")), (300 * MS, tick("ACT"))], [(20 * MS, "hung")])
+    put_bridge(tracks, [tick(0, "ACT"), tick(300, "ACT")], [(20 * MS, "hung")])
     assert [value for _, value in tracks.events["gate.reason"]][:3] == ["none", "hung", "none"]
     assert tracks.events["gate.act"][:3] == [(0.0, True), (20.0, False), (300.0, True)]
 
 
 def test_a_hang_took_effect_as_often_as_ticks_are_missing() -> None:
-    ticks = [(k * 40 * MS, tick("ACT")) for k in range(10)]
+    ticks = [tick(k * 40, "ACT") for k in range(10)]
     assert missing_ticks(ticks, 0, 400 * MS) == 0
     assert missing_ticks([*ticks[:2], *ticks[7:]], 80 * MS, 280 * MS) == 5
     assert missing_ticks(ticks, 81 * MS, 110 * MS) == 0
@@ -228,11 +232,9 @@ def test_a_hang_took_effect_as_often_as_ticks_are_missing() -> None:
 # Judging
 
 
-def happened(
-    rows: list[dict[str, Any]] | None = None, ticks: list[tuple[int, dict[str, Any]]] | None = None
-) -> Happened:
-    made = Happened(start_ns=0, device_rows=rows or [line(t_ms, "FOLLOW", 0.0) for t_ms in range(0, 1000, 20)])
-    made.bridge_rows = [{"topic": "/tick", "time_ns": when, "row": row} for when, row in ticks or [(0, tick("HOLD"))]]
+def happened(lines: list[DeviceLine] | None = None, ticks: list[TickRow] | None = None) -> Happened:
+    made = Happened(start_ns=0, device_lines=lines or [line(t_ms, "Follow", 0.0) for t_ms in range(0, 1000, 20)])
+    made.bridge_rows = [*(ticks or [tick(0, "HOLD")])]
     return made
 
 
@@ -247,9 +249,9 @@ def test_a_device_that_does_as_it_must_passes() -> None:
 
 def test_assist_that_outlives_its_command_is_found_on_the_recording() -> None:
     act = {"accepted_live": True, "accepted_ms": 100}
-    rows = [line(0, "READY", 0.0), *(line(t_ms, "ASSIST", 0.5, **act) for t_ms in range(300, 500, 5))]
-    rows += [line(500, "READY", 0.0, **act)]
-    ticks = [(100 * MS, tick("ACT")), (140 * MS, tick("HOLD"))]
+    rows = [line(0, "Ready", 0.0), *(line(t_ms, "Assist", 0.5, **act) for t_ms in range(300, 500, 5))]
+    rows += [line(500, "Ready", 0.0, **act)]
+    ticks = [tick(100, "ACT"), tick(140, "HOLD")]
     assert failed(scenario(), happened(rows, ticks)) >= {
         "command lost: zero assist within 150 ms",
         "the device assists only what the bridge asked for",
@@ -259,11 +261,11 @@ def test_assist_that_outlives_its_command_is_found_on_the_recording() -> None:
 def test_stamps_of_two_processes_agree_within_ten_milliseconds() -> None:
     act = {"accepted_live": True, "accepted_ms": 300}
 
-    def rows(first_ms: int) -> list[dict[str, Any]]:
-        on = [line(t_ms, "ASSIST", 0.01 * (t_ms - first_ms), **act) for t_ms in range(first_ms + 1, 360)]
-        return [line(0, "READY", 0.0), line(first_ms, "READY", 0.0, **act), *on, line(360, "READY", 0.0, **act)]
+    def rows(first_ms: int) -> list[DeviceLine]:
+        on = [line(t_ms, "Assist", 0.01 * (t_ms - first_ms), **act) for t_ms in range(first_ms + 1, 360)]
+        return [line(0, "Ready", 0.0), line(first_ms, "Ready", 0.0, **act), *on, line(360, "Ready", 0.0, **act)]
 
-    ticks = [(300 * MS, tick("ACT")), (340 * MS, tick("HOLD"))]
+    ticks = [tick(300, "ACT"), tick(340, "HOLD")]
     name = "the device assists only what the bridge asked for"
     assert name not in failed(scenario(), happened(rows(296), ticks))
     assert name in failed(scenario(), happened(rows(280), ticks))
@@ -282,9 +284,8 @@ def test_a_fault_that_never_took_effect_fails_a_live_run_too() -> None:
 
 def test_lost_frames_are_summed_over_a_bridge_that_was_started_again() -> None:
     made = happened()
-    counts = [("/meta", {}), ("/counters", {"wire.LostFrames": 2}), ("/counters", {"wire.LostFrames": 3})]
-    counts += [("/meta", {}), ("/counters", {"wire.LostFrames": 4})]
-    made.bridge_rows += [{"topic": topic, "time_ns": 1, "row": row} for topic, row in counts]
+    first, second, third = (CountersRow(1, {"wire.LostFrames": lost}) for lost in (2, 3, 4))
+    made.bridge_rows += [MetaRow(1), first, second, MetaRow(1), third]
     made.device_summary = {"lost_frames": 10}
     assert judge_live(scenario(), made, (), 1.0, "here").result.figures["frames_lost"] == 17.0
 
@@ -310,12 +311,12 @@ def test_a_device_fault_that_ends_leaves_the_others_and_counts_only_what_the_dev
     world.change(board.strike(0, 0))
     world.change(board.strike(1, 0))
     assert typed[-4:] == ["encoder 0", "mend", "lag 50", "bias 0.5"]
-    world.saw(line(0, "ASSIST", 0.5))
+    world.saw(line(0, "Assist", 0.5).row)
     assert [active.effects for active in board.all] == [0, 0]  # typed, and not obeyed yet
     for command in typed[-4:]:
         world.obeyed(command)
-    world.saw(line(5, "ASSIST", 0.5))
-    world.saw(line(10, "FOLLOW", 0.0))  # a lag does nothing to a motor that gives no torque
+    world.saw(line(5, "Assist", 0.5).row)
+    world.saw(line(10, "Follow", 0.0).row)  # a lag does nothing to a motor that gives no torque
     assert [active.effects for active in board.all] == [1, 2]
     typed.clear()
     world.change(board.end(0))

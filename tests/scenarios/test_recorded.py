@@ -12,6 +12,7 @@ from hilbridge.features.packs import write_pack
 from hilbridge.intent.predictor import Predictor
 from hilbridge.observe.recording import read_recording
 from hilbridge.records import FeatureVector
+from hilbridge.rows import TickRow
 from hilbridge.sensors.models import hand_model_path, hand_model_problem
 from hilbridge.wearer.person import Wearer
 from scenarios.format.schema import Scenario, Session, dump_scenario, load_scenario, scenario_of
@@ -57,19 +58,19 @@ def test_a_pack_gives_the_predictor_the_very_steps_that_were_recorded(folder: Pa
     for step in range(100):
         vector = FeatureVector(step * STEP_NS, step * STEP_NS, values[step], tuple(map(bool, valid[step])))  # type: ignore[arg-type]
         beliefs.append(predictor.step(vector, vector.captured_ns))
-    had = [row["top_confidence"] for row in run.ticks if row["new_features"]]
+    had = [row.top_confidence for row in run.ticks if row.new_features]
     wanted = [None if belief is None else round(belief.confidence, 4) for belief in beliefs]
     assert had == wanted[: len(had)]
     assert len(had) >= 95
     assert any(confidence is not None for confidence in had)
     assert run.result.passed, run.result.problems()
-    assert {row["right"] for row in run.ticks} == {None}  # nobody wrote down what the wearer wanted
+    assert {row.right for row in run.ticks} == {None}  # nobody wrote down what the wearer wanted
 
 
 def test_a_session_may_begin_later(folder: Path) -> None:
     late = play({"features": str(folder / "session.npz"), "from": "2 s"})
     early = play({"features": str(folder / "session.npz")})
-    assert [row["top"] for row in late.ticks] != [row["top"] for row in early.ticks]
+    assert [row.top for row in late.ticks] != [row.top for row in early.ticks]
 
 
 def test_a_silent_sensor_takes_its_modality_from_a_pack(folder: Path) -> None:
@@ -88,21 +89,21 @@ def test_a_silent_sensor_takes_its_modality_from_a_pack(folder: Path) -> None:
 def test_an_earlier_run_is_believed_again(folder: Path) -> None:
     again = play({"recording": str(folder / "run.mcap")})
     first = run_scenario(scripted())
-    assert [row["action"] for row in again.ticks] == [row["action"] for row in first.ticks]
-    assert [row["verb"] for row in again.ticks] == [row["verb"] for row in first.ticks]
-    assert {"Pour", "Mix"} <= {row["verb"] for row in again.ticks}
+    assert [row.action for row in again.ticks] == [row.action for row in first.ticks]
+    assert [row.verb for row in again.ticks] == [row.verb for row in first.ticks]
+    assert {"Pour", "Mix"} <= {row.verb for row in again.ticks}
 
 
 def test_a_film_goes_through_the_projects_own_chain(folder: Path, tmp_path: Path) -> None:
     filmed: dict[str, object] = {"video": str(folder / "session.avi"), "gaze": str(folder / "gaze.csv")}
     run = play(filmed, tmp_path / "run.mcap", steps=[{"fault": "gaze.off", "at": "3 s", "for": "500 ms"}])
     assert run.result.faults[0].worked
-    ticks = [row.data for row in read_recording(tmp_path / "run.mcap", ("/tick",))]
-    seen = [row["valid"] for row in ticks[10:70]]
-    assert seen.count([True, False, True]) >= 50  # gaze and scene, no hands: none were looked for
-    assert any(row["top_confidence"] is not None for row in ticks)
-    assert not any(row["sensors"] for row in ticks[10:70])
-    assert any(row["sensors"] for row in ticks[75:])  # off from the third second on: the bridge says so
+    ticks = [row for row in read_recording(tmp_path / "run.mcap") if isinstance(row, TickRow)]
+    seen = [row.valid for row in ticks[10:70]]
+    assert seen.count((True, False, True)) >= 50  # gaze and scene, no hands: none were looked for
+    assert any(row.top_confidence is not None for row in ticks)
+    assert not any(row.sensor_problem for row in ticks[10:70])
+    assert any(row.sensor_problem for row in ticks[75:])  # off from the third second on: the bridge says so
 
 
 @pytest.mark.data
@@ -117,7 +118,7 @@ def test_a_real_film_with_hands_repeats_to_the_byte(data: Path, tmp_path: Path) 
     }
     for number in range(2):
         run = play(film_of, tmp_path / f"{number}.mcap", duration="1 s")
-    assert [row["valid"] for row in run.ticks].count([True, True, True]) >= 15
+    assert [row.valid for row in run.ticks].count([True, True, True]) >= 15
     assert (tmp_path / "0.mcap").read_bytes() == (tmp_path / "1.mcap").read_bytes()
 
 
@@ -168,7 +169,7 @@ def test_missing_short_and_truncated_files_are_one_line(folder: Path, tmp_path: 
         ({"features": cut(folder / "session.npz", tmp_path / "cut.npz")}, "cut.npz: not a whole feature pack"),
         ({"features": pack, "from": "3 s"}, "session.npz: lasts 6.00 s, the scenario needs 7.00 s of it"),
         ({"recording": str(tmp_path / "none.mcap")}, "none.mcap: no such file"),
-        ({"recording": cut(folder / "run.mcap", tmp_path / "cut.mcap")}, "cut.mcap: not a whole MCAP file"),
+        ({"recording": cut(folder / "run.mcap", tmp_path / "cut.mcap")}, "cut.mcap: not a whole recording"),
         ({"recording": run, "from": "1 s"}, "run.mcap: lasts"),
         ({"video": str(tmp_path / "none.avi"), "gaze": gaze}, "none.avi: no such file"),
         ({"video": str(tmp_path / "no.avi"), "gaze": gaze}, "no.avi: not a whole video"),

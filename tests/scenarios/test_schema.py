@@ -20,7 +20,7 @@ duration: 20 s
 intent:
   - {at: 1 s, verb: Take, confidence: 0.95}
 steps:
-  - when: device.state == ASSIST
+  - when: device.state == Assist
     after: 100 ms
     fault: gaze.off
     for: 2 s
@@ -45,7 +45,7 @@ def test_a_scenario_reads_as_the_object_the_builder_makes(tmp_path: Path) -> Non
             "duration": "20 s",
             "intent": [{"at": "1 s", "verb": "Take", "confidence": 0.95}],
             "steps": [
-                {"when": "device.state == ASSIST", "after": "100 ms", "fault": "gaze.off", "for": "2 s"},
+                {"when": "device.state == Assist", "after": "100 ms", "fault": "gaze.off", "for": "2 s"},
                 {"at": "3 s", "fault": "bus.drop", "with": {"share": 0.5}},
             ],
             "expect": [{"that": "always device.assist_nm <= 2"}, {"figure": "acts", "at_least": 1}],

@@ -61,7 +61,7 @@ def trace() -> Trace:
     return sample_and_hold(
         {
             "gate.act": [(0, False), (4, True)],
-            "device.state": [(0, "FOLLOW"), (5, "READY")],
+            "device.state": [(0, "Follow"), (5, "Ready")],
             "device.assist_nm": [(0, 1.0), (10, 3.0)],
         },
         20,
@@ -73,10 +73,10 @@ def trace() -> Trace:
     [
         ("always device.assist_nm <= 3.5", 0.5, 10),
         ("always device.assist_nm <= 2", -1.0, 10),
-        ("always (rise(gate.act) -> eventually[0, 1 ms] device.state == READY)", 1.0, 1),
-        ("always (rise(gate.act) -> device.state == READY)", -1.0, 4),
+        ("always (rise(gate.act) -> eventually[0, 1 ms] device.state == Ready)", 1.0, 1),
+        ("always (rise(gate.act) -> device.state == Ready)", -1.0, 4),
         ("eventually fall(gate.act)", -1.0, 0),
-        ("device.state == FOLLOW until[0, 1 s] device.state == READY", 1.0, 0),
+        ("device.state == Follow until[0, 1 s] device.state == Ready", 1.0, 0),
         ("always abs(device.assist_nm) != 2", 1.0, 0),
         ("gate.act", -1.0, 0),
         ("always[15 ms, 20 ms] device.assist_nm == 3", 0.0, 15),
@@ -117,9 +117,9 @@ def test_a_misspelt_signal_gets_the_nearest_name(trace: Trace) -> None:
 
 
 def test_conditions_on_one_sample() -> None:
-    values: dict[str, float | str | bool] = {"device.state": "ASSIST", "gate.confidence": 0.7, "armed": True}
-    assert holds_now("device.state == ASSIST and gate.confidence > 0.5 and armed", values)
-    assert not holds_now("device.state == READY", values)
+    values: dict[str, float | str | bool] = {"device.state": "Assist", "gate.confidence": 0.7, "armed": True}
+    assert holds_now("device.state == Assist and gate.confidence > 0.5 and armed", values)
+    assert not holds_now("device.state == Ready", values)
     with pytest.raises(UnknownSignal):
         holds_now("nothing", values)
 

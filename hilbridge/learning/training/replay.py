@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hilbridge.core.gate import GateConfig, GateState, step
+from hilbridge.core.gate_figures import GateFigures, GateTick, gate_figures
 from hilbridge.features.layout import STEP_NS, drop_modality
 from hilbridge.intent.calibration import Calibration
 from hilbridge.intent.gru import StreamingGru, Weights
@@ -43,28 +44,33 @@ def stream_logits(
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """What the gate did, per step: acting (N,), the verb acted on (N,) or -1, right (N,) as the truth judges."""
+    """What the gate did, per step: acting (N,), the verb acted on (N,) or -1 under HOLD, right (N,) as the truth judges."""
 
     acting: NDArray[np.bool_]
     verb: NDArray[np.int64]
     right: NDArray[np.bool_]
 
     @property
+    def figures(self) -> GateFigures:
+        """Counts over all steps, by the one definition."""
+        steps = zip(self.verb.tolist(), self.right.tolist(), strict=True)
+        return gate_figures(GateTick(verb, right) if verb >= 0 else GateTick(None, None) for verb, right in steps)
+
+    @property
     def coverage(self) -> float:
         """Share of steps in ACT."""
-        return float(self.acting.mean())
+        return self.figures.coverage
 
     @property
     def act_only_precision(self) -> float:
         """Share of acting steps whose verb is right; NaN without any."""
-        return float(self.right[self.acting].mean()) if self.acting.any() else float("nan")
+        precision = self.figures.act_only_precision
+        return float("nan") if precision is None else precision
 
     @property
     def false_assists(self) -> int:
-        """Episodes of ACT that were wrong for half of their time or more."""
-        edges = np.flatnonzero(np.diff(np.concatenate([[False], self.acting, [False]]).astype(int)))
-        spans = zip(edges[::2], edges[1::2], strict=True)
-        return sum(1 for start, stop in spans if self.right[start:stop].mean() <= 0.5)
+        """Episodes of ACT that begin wrong."""
+        return self.figures.false_assists
 
 
 def estimates(logits: NDArray[np.float64], calibration: Calibration, mask: int) -> list[IntentEstimate | None]:
