@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hilbridge.wire.codec import Codec
-from tests.safety import conformance
+from tests.safety.wire import conformance
 
 requirement = pytest.mark.requirement
 CODEC = Codec()

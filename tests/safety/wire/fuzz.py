@@ -117,8 +117,16 @@ def seeded(count: int, seed: int) -> Row:
 def guided(count: int, seed: int) -> Row:
     """With atheris, in a process of its own (libFuzzer ends its process)."""
     with tempfile.TemporaryDirectory() as corpus:
-        command = [sys.executable, "-m", "tests.safety.fuzz", f"-runs={count}", f"-seed={seed}", "-max_len=66", corpus]
-        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[2])}
+        command = [
+            sys.executable,
+            "-m",
+            "tests.safety.wire.fuzz",
+            f"-runs={count}",
+            f"-seed={seed}",
+            "-max_len=66",
+            corpus,
+        ]
+        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[3])}
         done = subprocess.run(command, env=environment, capture_output=True, text=True, check=False)
     found = re.search(r"Done (\d+) (?:runs )?in (\d+) second", done.stderr)
     runs = int(found[1]) if found else 0

@@ -11,7 +11,7 @@ import pytest
 from hilbridge.bus.port.asyncio_port import BusPort
 from hilbridge.bus.port.state import SendResult
 from hilbridge.records import Frame
-from tests.bus.lawicel import WAIT_S, FakeAdapter
+from tests.bus.port.lawicel import WAIT_S, FakeAdapter
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals")
 

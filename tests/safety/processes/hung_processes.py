@@ -10,7 +10,7 @@ from multiprocessing.process import BaseProcess
 
 from firmware_sim import node
 from hilbridge.bus.simulated import server
-from tests.safety import bridge_process
+from tests.safety.processes import bridge_process
 from tests.safety.rig import codec
 
 codec()  # read the DBC before anybody forks
@@ -52,7 +52,7 @@ def device(spec: str, log: str) -> BaseProcess:
 
 
 def bridge(spec: str) -> BaseProcess:
-    """tests/safety/bridge_process.py."""
+    """tests/safety/processes/bridge_process.py."""
     return _started(_bridge, spec)
 
 

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from hilbridge.bus.simulated.client import BusClient, BusNotReachable
-from tests.safety import hung_processes
+from tests.safety.processes import hung_processes
 from tests.safety.table import Row, Scale
 
 LIMIT_MS = 150

@@ -17,7 +17,7 @@ from hilbridge.wire.dbc import Message, Signal
 from hilbridge.wire.e2e import protect
 from tests.safety.table import Row, Scale
 
-GOLDEN = Path(__file__).parents[2] / "dbc" / "golden_frames.json"
+GOLDEN = Path(__file__).parents[3] / "dbc" / "golden_frames.json"
 GOLDEN_PER_MESSAGE = 8
 
 
