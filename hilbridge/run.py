@@ -18,7 +18,8 @@ from hilbridge.observe.summary import Summary
 from hilbridge.priority import use_realtime_scheduling
 from hilbridge.rows import CountersRow, TickRow
 from hilbridge.runtime.assemble import Parts, live_bridge
-from hilbridge.runtime.live import Judge, LiveBridge
+from hilbridge.runtime.judge import Judge
+from hilbridge.runtime.live import LiveBridge
 from hilbridge.runtime.node import Predicts
 from hilbridge.runtime.senses import Senses
 

@@ -19,12 +19,13 @@ from typing import Any
 import joblib
 
 from hilbridge.errors import InputError
-from scenarios.format.schema import Expectation, Scenario, Step, dump_scenario, scenario_of
+from scenarios.format.files import dump_scenario, scenario_of
+from scenarios.format.schema import Expectation, Scenario, Step
 from scenarios.format.vocabulary import FAULTS
 from scenarios.lockstep.run import run_scenario
 from scenarios.signals.stl import first_ms
 
-# Where a fault strikes: the gate's state at that moment, as conditions on signals.
+# Where a fault is injected: the gate's state at that moment, as conditions on signals.
 GATE_STATES: dict[str, str] = {
     "hold": "device.state == Ready",
     "turning to act": "gate.act",
@@ -44,7 +45,7 @@ _CONNECT_S = 10
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One strike: a fault, `after_ms` after the gate came to `gate`, in a run that ends at `end_ms`."""
+    """One injection: a fault, `after_ms` after the gate came to `gate`, in a run that ends at `end_ms`."""
 
     fault: str
     gate: str
@@ -108,13 +109,13 @@ def _reached_ms(base: Scenario) -> dict[str, float]:
     for gate, condition in GATE_STATES.items():
         at_ms = first_ms(condition, trace)
         if at_ms is None:
-            raise InputError(f"{base.name}: never comes to `{gate}` ({condition}), so no fault can strike there")
+            raise InputError(f"{base.name}: never comes to `{gate}` ({condition}), so no fault can be injected there")
         reached[gate] = at_ms
     return reached
 
 
 def scenario_for(base: Scenario, sample: Sample) -> Scenario:
-    """The base with that one strike, judged by safety alone."""
+    """The base with that one injection, judged by safety alone."""
     step: dict[str, Any] = {
         "when": GATE_STATES[sample.gate],
         "after": f"{sample.after_ms} ms",

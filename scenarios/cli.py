@@ -49,6 +49,14 @@ def list_scenarios(paths: Paths, as_json: Json = False) -> None:
 
 
 @app.command()
+def figures() -> None:
+    """What the columns of `run` and the figures of expectations mean."""
+    from scenarios.terminal import print_figures
+
+    print_figures()
+
+
+@app.command()
 def faults() -> None:
     """The vocabulary: every fault with its options, defaults and limits."""
     from scenarios.format.vocabulary import FAULTS
@@ -119,9 +127,9 @@ def campaign(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Strike every fault at many instants in every gate state; rank by how near each run came to hurting somebody."""
+    """Inject every fault at many instants in every gate state; rank by how near each run came to hurting somebody."""
     from scenarios.campaign import run_campaign, samples_of
-    from scenarios.format.schema import load_scenario
+    from scenarios.format.files import load_scenario
     from scenarios.terminal import print_campaign, progress_bar
 
     scenario = load_scenario(base)
@@ -145,7 +153,7 @@ def minimise(
     seed: Seed = None,
 ) -> None:
     """Shrink a failing scenario: fewer faults, shorter, simpler, as long as it still fails in the same way."""
-    from scenarios.format.schema import dump_scenario, load_scenario, reseeded
+    from scenarios.format.files import dump_scenario, load_scenario, reseeded
     from scenarios.minimise import minimise_scenario
 
     scenario = reseeded(load_scenario(path), seed)

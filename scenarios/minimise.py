@@ -10,7 +10,8 @@ from collections.abc import Callable
 from typing import Any
 
 from hilbridge.errors import InputError
-from scenarios.format.schema import Scenario, Step, dump_scenario
+from scenarios.format.files import dump_scenario
+from scenarios.format.schema import Scenario, Step
 from scenarios.format.vocabulary import FAULTS
 from scenarios.lockstep.run import run_scenario
 

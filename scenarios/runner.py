@@ -13,7 +13,8 @@ import joblib
 
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
-from scenarios.format.schema import Scenario, line_of, reseeded
+from scenarios.format.files import line_of, reseeded
+from scenarios.format.schema import Scenario
 from scenarios.live.possible import impossible_live
 from scenarios.live.run import run_live
 from scenarios.lockstep.run import run_scenario

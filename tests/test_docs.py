@@ -7,7 +7,8 @@ import tomllib
 from pathlib import Path
 
 from hilbridge.config import Config, load_config
-from scenarios.format.schema import FIGURES, load_scenario
+from scenarios.format.files import load_scenario
+from scenarios.format.schema import FIGURES
 from scenarios.lockstep.run import run_scenario
 from tests import protocol_page
 

@@ -69,15 +69,7 @@ def _names(modules: set[str]) -> set[str]:
     return {module.rpartition(".")[2] for module in modules}
 
 
-@pytest.mark.parametrize(
-    "package",
-    [
-        pytest.param(name, marks=[pytest.mark.xfail(reason="its helpers still know the engine")])
-        if name == "scenarios.lockstep"
-        else name
-        for name in PACKAGES
-    ],
-)
+@pytest.mark.parametrize("package", PACKAGES)
 def test_no_package_has_a_circle_among_its_children(package: str) -> None:
     assert cycle(between_children(GRAPH, package)) == []
 

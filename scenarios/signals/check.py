@@ -19,6 +19,15 @@ _TEMPORAL = ("always", "eventually", "historically", "once", "until", "rise", "f
 _MOST_ATOMS = 10  # beyond that a formula is not searched for having one verdict only
 
 
+def formula_problem(text: str, domains: Domains) -> str | None:
+    """What is wrong with a formula, in one line; None where it can be judged."""
+    try:
+        check_formula(text, domains)
+    except FormulaError as error:
+        return str(error)
+    return None
+
+
 def check_formula(text: str, domains: Domains) -> None:
     """Raises FormulaError in one line that names what cannot be, and the nearest that can."""
     tree = parse(text)

@@ -80,6 +80,10 @@ _ALWAYS_THERE: dict[str, Domain] = {
 }
 
 
+# Only where somebody knows what the wearer wants.
+OF_THE_MIND = frozenset({"gate.right", "wearer.intended"})
+
+
 def domains_of(faults: Iterable[str]) -> dict[str, Domain]:
     """Every signal of a scenario that injects these faults."""
     return {**_ALWAYS_THERE, **{f"fault.{fault}": Truths() for fault in faults}, "fault.any": Truths()}

@@ -33,10 +33,10 @@ class Judgement:
 
 @dataclass(frozen=True, slots=True)
 class FaultCount:
-    """One step: how often it struck, and how often that took effect."""
+    """One step: how often it was injected, and how often that took effect."""
 
     fault: str
-    strikes: int
+    injections: int
     effects: int
 
     @property
@@ -73,12 +73,13 @@ class Result:
     def problems(self) -> list[str]:
         """One line for each thing that failed."""
         lines = [
-            f"{j.name or j.text}: {'margin' if j.value is None else 'value'} "
-            f"{j.margin if j.value is None else j.value:.3g}" + ("" if j.at_ms is None else f" at {j.at_ms:.0f} ms")
+            f"{j.name or j.text}: {_found(j)}" + ("" if j.at_ms is None else f" at {j.at_ms:.0f} ms")
             for j in self.judgements
             if not j.holds
         ]
-        return lines + [f"fault {f.fault} never took effect ({f.strikes} strikes)" for f in self.faults if not f.worked]
+        return lines + [
+            f"fault {f.fault} never took effect ({f.injections} injections)" for f in self.faults if not f.worked
+        ]
 
     def as_json(self) -> dict[str, Any]:
         """For machines: infinities and NaN as null."""
@@ -86,6 +87,12 @@ class Result:
         row["passed"], row["robustness"] = self.passed, self.robustness
         clean: dict[str, Any] = _finite(row)
         return clean
+
+
+def _found(judgement: Judgement) -> str:
+    if judgement.value is None:
+        return f"margin {judgement.margin:.3g}"
+    return "n/a" if math.isnan(judgement.value) else f"value {judgement.value:.3g}"
 
 
 @dataclass(frozen=True, slots=True)

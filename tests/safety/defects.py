@@ -109,7 +109,7 @@ def _write(owner: Any, name: Any, value: Any) -> None:
 
 
 def scenarios_for(defect: Defect) -> list[Scenario]:
-    """One strike in every gate state."""
+    """One injection in every gate state."""
     base = base_scenario()
     made = []
     for number, state in enumerate(GATE_STATES):

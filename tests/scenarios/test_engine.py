@@ -8,7 +8,8 @@ import pytest
 
 from scenarios.campaign import Sample, base_scenario, run_sample, samples_of, scenario_for
 from scenarios.format.collect import collect, unfold
-from scenarios.format.schema import Scenario, dump_scenario, load_scenario, scenario_of
+from scenarios.format.files import dump_scenario, load_scenario, scenario_of
+from scenarios.format.schema import Scenario
 from scenarios.format.vocabulary import FAULTS
 from scenarios.lockstep.engine import MS, Lockstep
 from scenarios.lockstep.run import run_scenario
@@ -38,10 +39,10 @@ def test_the_devices_tick_takes_its_turn_among_those_of_one_time(monkeypatch: py
     world = Lockstep(scenario.model_copy(update={"device": punctual}))
     said: list[str] = []
     monkeypatch.setattr(world.bridge, "start", lambda: None)
-    monkeypatch.setattr(world, "_device_tick", lambda now_ns: said.append(f"tick {now_ns // MS}"))
-    world.at(3 * MS, lambda: said.append("early"))
-    world.at(2 * MS + 1, lambda: world.at(3 * MS, lambda: said.append("late")))
-    world.at(1, lambda: world.at(0, lambda: said.append("past")))
+    monkeypatch.setattr(world, "_tick", lambda now_ns: said.append(f"tick {now_ns // MS}"))
+    world.clock.at(3 * MS, lambda: said.append("early"))
+    world.clock.at(2 * MS + 1, lambda: world.clock.at(3 * MS, lambda: said.append("late")))
+    world.clock.at(1, lambda: world.clock.at(0, lambda: said.append("past")))
     world.run()
     assert said == ["past", "tick 1", "tick 2", "early", "tick 3", "late", "tick 4", "tick 5"]
     assert world.clock.time_ns == 5 * MS
@@ -114,7 +115,7 @@ def test_a_fault_that_never_takes_effect_fails_its_scenario() -> None:
     never = acting({"fault": "gaze.off", "when": "device.state == Passive"})
     result = run_scenario(never).result
     assert not result.passed
-    assert result.problems() == ["fault gaze.off never took effect (0 strikes)"]
+    assert result.problems() == ["fault gaze.off never took effect (0 injections)"]
 
 
 @pytest.mark.parametrize("name", ["bus-lossy", "sensor-garbage-hands", "tremor-under-confidence"])
@@ -133,10 +134,10 @@ def test_the_catalogue_is_readable_covers_every_hazard_and_has_at_least_thirty_s
     assert len(found) >= 30
     assert len({scenario.name for _, scenario in found}) == len(found)
     assert {hazard for _, scenario in found for hazard in scenario.hazards} == {f"H{n}" for n in range(1, 10)}
-    struck = {step.fault for _, scenario in found for step in scenario.steps}
-    assert {fault for fault in FAULTS if fault.split(".")[0] in ("bus", "bridge", "device", "wearer")} <= struck
+    injected = {step.fault for _, scenario in found for step in scenario.steps}
+    assert {fault for fault in FAULTS if fault.split(".")[0] in ("bus", "bridge", "device", "wearer")} <= injected
     for kind in ("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent", "drift", "clock_skew"):
-        assert any(fault.endswith(f".{kind}") for fault in struck), kind
+        assert any(fault.endswith(f".{kind}") for fault in injected), kind
 
 
 def test_what_is_written_reads_back_equal(tmp_path: Path) -> None:
@@ -167,11 +168,11 @@ def test_a_planted_failure_with_six_faults_is_minimised_to_the_one_that_matters(
     assert small.duration < 3_000_000_000
 
 
-def test_campaign_samples_are_seeded_and_strike_in_the_named_gate_state() -> None:
+def test_campaign_samples_are_seeded_and_injected_in_the_named_gate_state() -> None:
     base = base_scenario()
     assert samples_of(base, 3, 7, ("bus.cut",)) == samples_of(base, 3, 7, ("bus.cut",))
     assert samples_of(base, 3, 7, ("bus.cut",)) != samples_of(base, 3, 8, ("bus.cut",))
     run = run_scenario(scenario_for(base, Sample("bus.cut", "turning to hold", 0.0, 400.0, 3000, 0)))
-    struck = run.trace["fault.bus.cut"].astype(bool)
-    assert run.trace["device.state"][struck][0] in ("RampDown", "Ready")
+    injected = run.trace["fault.bus.cut"].astype(bool)
+    assert run.trace["device.state"][injected][0] in ("RampDown", "Ready")
     assert run_sample(base, Sample("bus.cut", "acting", 100.0, 400.0, 3000, 0)).safe

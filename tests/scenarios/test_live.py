@@ -13,19 +13,21 @@ import pytest
 from firmware_sim import frames as layout
 from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.port.spec import parse_spec
+from hilbridge.limits import MS
 from hilbridge.records import Action, CameraFrame, GazeSample, HoldReason
 from hilbridge.rows import CountersRow, MetaRow, TickRow
 from scenarios import cli
 from scenarios.format.collect import collect
-from scenarios.format.schema import Expectation, Scenario, Step, dump_scenario, scenario_of
-from scenarios.live.bridge_log import missing_ticks, put_bridge
-from scenarios.live.device_log import assist_figures, device_columns
-from scenarios.live.happened import Happened
+from scenarios.format.files import dump_scenario, scenario_of
+from scenarios.format.schema import Expectation, Scenario, Step
+from scenarios.live.bridge.senses import EdgeSource
+from scenarios.live.device_world import DeviceWorld
 from scenarios.live.intruder import LiveIntruder
+from scenarios.live.logs.bridge import missing_ticks, put_bridge
+from scenarios.live.logs.device import assist_figures, device_columns
+from scenarios.live.logs.happened import Happened
 from scenarios.live.possible import impossible_live
 from scenarios.live.run import judge_live, with_margin
-from scenarios.live.senses import EdgeSource
-from scenarios.live.world import DeviceWorld
 from scenarios.runner import sort_out
 from scenarios.signals.device import DeviceLine, device_line
 from scenarios.signals.tracks import Tracks
@@ -35,7 +37,6 @@ from scenarios.world.fault_board import Active, FaultBoard
 from scenarios.world.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, Body, edges
 
 CATALOG = Path(__file__).parents[2] / "scenarios" / "catalog"
-MS = 1_000_000
 VCAN, HILSIM = parse_spec("vcan0"), parse_spec("hilsim:x")
 
 
@@ -299,7 +300,7 @@ def test_only_the_time_to_zero_after_a_fault_has_a_margin_live() -> None:
 # The device's world
 
 
-def struck(*steps: tuple[str, dict[str, float]]) -> tuple[FaultBoard, DeviceWorld, list[str]]:
+def injected(*steps: tuple[str, dict[str, float]]) -> tuple[FaultBoard, DeviceWorld, list[str]]:
     board = FaultBoard(scenario(steps=[{"fault": fault, "at": "1 ms", "with": more} for fault, more in steps]).steps)
     typed: list[str] = []
     return board, DeviceWorld(board, typed.append), typed
@@ -307,9 +308,9 @@ def struck(*steps: tuple[str, dict[str, float]]) -> tuple[FaultBoard, DeviceWorl
 
 def test_a_device_fault_that_ends_leaves_the_others_and_counts_only_what_the_device_obeyed() -> None:
     lag = ("device.actuator_lag", {"time_constant_ms": 50.0})
-    board, world, typed = struck(lag, ("device.torque_bias", {"bias_nm": 0.5}))
-    world.change(board.strike(0, 0))
-    world.change(board.strike(1, 0))
+    board, world, typed = injected(lag, ("device.torque_bias", {"bias_nm": 0.5}))
+    world.change(board.inject(0, 0))
+    world.change(board.inject(1, 0))
     assert typed[-4:] == ["encoder 0", "mend", "lag 50", "bias 0.5"]
     world.saw(line(0, "Assist", 0.5).row)
     assert [active.effects for active in board.all] == [0, 0]  # typed, and not obeyed yet
@@ -324,8 +325,8 @@ def test_a_device_fault_that_ends_leaves_the_others_and_counts_only_what_the_dev
 
 
 def test_an_overrun_counts_when_it_is_obeyed_and_is_not_typed_again_at_its_end() -> None:
-    board, world, typed = struck(("device.tick_overrun", {"overrun_ms": 8.0}))
-    world.change(board.strike(0, 0))
+    board, world, typed = injected(("device.tick_overrun", {"overrun_ms": 8.0}))
+    world.change(board.inject(0, 0))
     world.change(board.end(0))
     assert typed == ["overrun 8"]
     assert board.all[0].effects == 0
@@ -334,15 +335,15 @@ def test_an_overrun_counts_when_it_is_obeyed_and_is_not_typed_again_at_its_end()
 
 
 def test_the_wearer_pushes_against_the_assist_trembles_and_lets_go() -> None:
-    board, world, typed = struck(
+    board, world, typed = injected(
         ("wearer.opposing", {"torque_nm": 2.0}), ("wearer.tremor", {"hz": 5.0, "arm_deg": 2.0})
     )
-    board.strike(0, 0)
+    board.inject(0, 0)
     assert world.push(0.4, 0)
     assert world.push(-0.4, 0)
     assert world.push(0.0, 0)  # no assist, nothing to push against
     assert typed == ["push -2.0000", "push 2.0000", "push 0.0000"]
-    board.strike(1, 0)
+    board.inject(1, 0)
     assert world.push(0.4, 50 * MS)
     assert typed[-1] == "push -1.4000"
     board.end(0)
@@ -374,7 +375,7 @@ def gaze_source(*steps: tuple[str, dict[str, float]], begin_ns: int = 0) -> tupl
     made = scenario(steps=[{"fault": fault, "at": "1 ms", "with": options} for fault, options in steps])
     board = FaultBoard(made.steps)
     for number in range(len(steps)):
-        board.strike(number, 0)
+        board.inject(number, 0)
     edge = edges(Body(made, board), board, 1)[1]
     return EdgeSource(edge, GAZE_PERIOD_NS, 1000 * MS, lambda: clock[0]), clock
 

@@ -15,10 +15,11 @@ from hilbridge.records import FeatureVector
 from hilbridge.rows import TickRow
 from hilbridge.sensors.models import hand_model_path, hand_model_problem
 from hilbridge.wearer.person import Wearer
-from scenarios.format.schema import Scenario, Session, dump_scenario, load_scenario, scenario_of
+from scenarios.format.files import dump_scenario, load_scenario, scenario_of
+from scenarios.format.schema import Scenario, Session
 from scenarios.lockstep.run import run_scenario
 from scenarios.verdict.outcome import Run
-from scenarios.world.intent import bundle
+from scenarios.world.parts import bundle
 from scenarios.world.recorded import Filmed, PackAssembler, Video
 from tests.scenarios.sessions import film, wearers_features
 

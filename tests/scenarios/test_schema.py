@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from hilbridge.errors import InputError
 from scenarios.format.durations import format_duration, parse_duration_ns
-from scenarios.format.schema import load_scenario, scenario_of
+from scenarios.format.files import load_scenario, scenario_of
 from scenarios.format.vocabulary import FAULTS
 
 GOOD = """\
@@ -70,7 +70,7 @@ def test_a_scenario_reads_as_the_object_the_builder_makes(tmp_path: Path) -> Non
         ("assist_nm <= 2", "assist_nm <=", 15, "at its end"),
         ("[H8]", "[H12]", 2, "'H1', 'H2'"),
         ("duration: 20 s", "duraton: 20 s", 3, "did you mean `duration`?"),
-        ("at: 3 s", "at: 30 s", 11, "strikes at 30 s, after the end at 20 s"),
+        ("at: 3 s", "at: 30 s", 11, "begins at 30 s, after the end at 20 s"),
         ("at: 3 s\n", "", 11, "needs either `at` or `when`"),
         ("    at_least: 1\n", "", 16, "needs `at_least`, `at_most` or both"),
         ("name: gaze", "name: [gaze", 2, "not readable as YAML"),

@@ -80,7 +80,7 @@ def trace() -> Trace:
         ("always abs(device.assist_nm) != 2", 1.0, 0),
         ("gate.act", -1.0, 0),
         ("always[15 ms, 20 ms] device.assist_nm == 3", 0.0, 15),
-        ("always[5, 6] gate.act", math.inf, 0),
+        ("always[5 s, 6 s] gate.act", math.inf, 0),
     ],
 )
 def test_words_truths_edges_and_where_it_came_nearest(
@@ -101,7 +101,7 @@ def test_words_truths_edges_and_where_it_came_nearest(
         ("device.state > FOLLOW", "only be compared with == and !="),
         ("device.state > 3", "only be compared with == and !="),
         ("device.state", "compare it"),
-        ("always[3 ms, 1 ms] gate.act", "ends before it begins"),
+        ("always[3 ms, 1 ms] gate.act", "end after it begins"),
     ],
 )
 def test_unreadable_formulas_say_where(trace: Trace, formula: str, said: str) -> None:

@@ -17,7 +17,8 @@ from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.port.spec import BusSpec, parse_spec
 from hilbridge.errors import InputError
 from hilbridge.observe.recording import read_recording
-from scenarios.format.schema import Scenario, Session, dump_scenario, scenario_of
+from scenarios.format.files import dump_scenario, scenario_of
+from scenarios.format.schema import Scenario, Session
 from scenarios.live.run import run_live
 from tests.scenarios.sessions import film
 

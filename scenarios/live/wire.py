@@ -10,9 +10,9 @@ from hilbridge.bus.model.faults import Where
 from hilbridge.bus.simulated.client import BusClient, BusNotReachable
 from hilbridge.errors import InputError
 from scenarios.format.schema import BusPart
+from scenarios.format.vocabulary import WIRE_FAULTS
 from scenarios.world.fault_board import Active
 
-OF_THE_WIRE = ("bus.cut", "bus.bus_off")
 _NODE = "wire"
 _FRAME_BITS = 135  # of 8 bytes, with the stuff bits of a payload like ours
 _ACT_CMD = 0x060
@@ -44,7 +44,7 @@ class SimulatedWire:
     def can(self, active: Active) -> bool:
         """Whether this fault is the wire's: a cut, a bus-off, or a babbling node that leaves no room for others."""
         full = active.step.fault == "bus.babble" and active["per_s"] * _FRAME_BITS >= self._bus.bitrate
-        return full or active.step.fault in OF_THE_WIRE
+        return full or active.step.fault in WIRE_FAULTS
 
     def begin(self, active: Active) -> None:
         """One for which `can` is true."""

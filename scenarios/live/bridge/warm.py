@@ -5,9 +5,10 @@ from __future__ import annotations
 import typer  # noqa: F401
 
 import firmware_sim.node
-from scenarios.live.bridge import codec
-from scenarios.world.intent import bundle
+import scenarios.live.bridge.process
+from scenarios.world.parts import bundle, codec
 
 assert firmware_sim.node
+assert scenarios.live.bridge.process
 bundle()
 codec()

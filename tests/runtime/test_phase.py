@@ -1,4 +1,4 @@
-"""runtime.phase and runtime.health: pure timing and sensor beliefs (H8, H9)."""
+"""runtime.phase: the tick keeps its schedule, locks to a camera of its own rate, and counts what it misses."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hilbridge.limits import MS, TICK_GRACE_NS, TICK_NS
-from hilbridge.runtime.health import SensorSeen, first_problem, sensor_problem
 from hilbridge.runtime.phase import locks_to, next_tick
 
 
@@ -65,40 +64,3 @@ def test_the_next_tick_is_always_in_the_future_and_soon(due: int, late: int, wai
 @pytest.mark.parametrize(("fps", "locks"), [(25.0, True), (24.6, True), (25.4, True), (30.0, False), (24.0, False)])
 def test_only_a_25_fps_camera_is_locked_to(fps: float, locks: bool) -> None:
     assert locks_to(fps) is locks
-
-
-def seen(**changes: object) -> SensorSeen:
-    values: dict[str, object] = {
-        "name": "camera",
-        "alive": True,
-        "captured_ns": 1000 * MS,
-        "changed_ns": 1000 * MS,
-        "timeout_ns": 120 * MS,
-        "freeze_ns": 150 * MS,
-    }
-    return SensorSeen(**{**values, **changes})  # type: ignore[arg-type]
-
-
-@pytest.mark.parametrize(
-    ("sensor", "now_ms", "said"),
-    [
-        (seen(), 1000, None),
-        (seen(), 1120, None),
-        (seen(), 1121, "camera silent for 121 ms"),
-        (seen(), 999, "camera silent for -1 ms"),
-        (seen(alive=False), 1000, "camera is gone"),
-        (seen(captured_ns=None), 1000, "camera has not delivered yet"),
-        (seen(changed_ns=850 * MS), 1000, None),
-        (seen(changed_ns=849 * MS), 1000, "camera shows the same picture for 151 ms"),
-        (seen(changed_ns=0, freeze_ns=None), 1000, None),
-        (seen(changed_ns=None), 1000, None),
-    ],
-)
-def test_h8_h9_sensor_problems_are_named(sensor: SensorSeen, now_ms: int, said: str | None) -> None:
-    assert sensor_problem(sensor, now_ms * MS) == said
-
-
-def test_the_first_problem_is_the_one_named_and_no_sensor_is_a_problem() -> None:
-    assert first_problem((), 0) == "no sensor is connected"
-    assert first_problem((seen(), seen(name="gaze", alive=False)), 1000 * MS) == "gaze is gone"
-    assert first_problem((seen(), seen(name="gaze")), 1000 * MS) is None

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hilbridge.bus.port.spec import BusSpec
 from scenarios.format.schema import Scenario
-from scenarios.live.bridge import Job, Order
+from scenarios.live.bridge.process import Job, Order
 from scenarios.live.processes import BridgeHandle
 
 # What a bridge is while one of these is under way, or since.
@@ -51,10 +51,10 @@ class BridgeLife:
         self.handle.rows.close()
         self.handle = self._start()
 
-    def go(self, start_ns: int, strikes: tuple[tuple[int, int], ...] = ()) -> bool:
+    def go(self, start_ns: int, faults: tuple[tuple[int, int], ...] = ()) -> bool:
         """Let the process tick, with these faults of its own under way; False where it has not started yet."""
         if not self.handle.ready:
             return False
         self.dead = False
-        self.order(("go", start_ns, strikes))
+        self.order(("go", start_ns, faults))
         return True

@@ -12,7 +12,6 @@ import signal
 import threading
 import time
 from dataclasses import dataclass
-from functools import cache
 from multiprocessing.connection import Connection
 from pathlib import Path
 
@@ -21,17 +20,16 @@ from hilbridge.bus.port.state import PortState
 from hilbridge.config import BusConfig, Config
 from hilbridge.errors import InputError
 from hilbridge.priority import use_realtime_scheduling
-from hilbridge.rows import CountersRow, EventRow, GroundTruth, Row, encode
-from hilbridge.runtime.assemble import Parts, build_node, meta_row
+from hilbridge.rows import CountersRow, EventRow, Row, encode
+from hilbridge.runtime.assemble import build_node, meta_row
+from hilbridge.runtime.judge import judge_by
 from hilbridge.runtime.live import LiveBridge
-from hilbridge.verbs import VERBS
-from hilbridge.wire.codec import Codec
 from scenarios.format.schema import Scenario
-from scenarios.live.port import TappedPort
-from scenarios.live.senses import edge_senses
+from scenarios.live.bridge.port import TappedPort
+from scenarios.live.bridge.senses import edge_senses
 from scenarios.world.fault_board import FaultBoard
-from scenarios.world.intent import bundle, gate_config, make_predictor
-from scenarios.world.recorded import UnknownMind
+from scenarios.world.intent import make_predictor
+from scenarios.world.parts import parts_of
 from scenarios.world.sensing import person
 from scenarios.world.tap import Tap
 
@@ -46,9 +44,9 @@ class Job:
 
 
 # What the director tells a bridge process: a word and numbers.
-#   go EPOCH_NS STRIKES    the scenario's time 0 on the monotonic clock; tick from then on, or from now if it is past;
+#   go EPOCH_NS FAULTS     the scenario's time 0 on the monotonic clock; tick from then on, or from now if it is past;
 #                          (STEP, NOW_NS) of the faults that are under way already
-#   strike STEP NOW_NS     a fault of this process begins, at NOW_NS of the scenario's time
+#   inject STEP NOW_NS     a fault of this process begins, at NOW_NS of the scenario's time
 #   end STEP               ... and ends
 #   stall SECONDS          block the event loop for so long
 #   stop                   end after the tick under way
@@ -70,12 +68,6 @@ class RowLog:
         os.write(self._file, json.dumps({"effects": effects, "time_ns": time.monotonic_ns()}).encode() + b"\n")
 
 
-@cache
-def codec() -> Codec:
-    """The DBC that ships, read once, by the server that forks bridges."""
-    return Codec()
-
-
 class BridgeProcess:
     """What lives in the process: board and taps for its share of the faults, the bridge, and the obeying of orders."""
 
@@ -92,7 +84,7 @@ class BridgeProcess:
     async def run(self) -> None:
         """Connect, say so, wait for `go`, tick until `stop`. What cannot be opened is told instead of `ready`."""
         bus = BusConfig(spec=str(self._spec))
-        parts = Parts(bundle(), gate_config(self._scenario.gate), codec())
+        parts = parts_of(self._scenario)
         options = {"node": "bridge"} if self._spec.interface == "hilsim" else {}
         port = TappedPort(self._spec, self._out, self._into, self._on_port_change, options)
         try:
@@ -107,16 +99,9 @@ class BridgeProcess:
                 return
             node = build_node(parts, port, bus, self._on_event, make_predictor(self._scenario, epoch_ns))
             senses = edge_senses(self._scenario, self._board, epoch_ns)
-            wearer = person(self._scenario)
-
-            def judge(now_ns: int, verb_index: int | None) -> GroundTruth:
-                truth = wearer.truth(max(0, now_ns - epoch_ns))
-                intended = None if truth.intended is None else VERBS[truth.intended]
-                return GroundTruth(intended, None if verb_index is None else truth.is_right(verb_index))
-
-            known = None if isinstance(wearer.truth(0), UnknownMind) else judge
+            judge = judge_by(person(self._scenario).truth, epoch_ns)
             self._live = LiveBridge(
-                node, port, senses, self._log.write, judge=known, on_tick=lambda row: self._note_effects()
+                node, port, senses, self._log.write, judge=judge, on_tick=lambda row: self._note_effects()
             )
             self._log.write(meta_row(Config(bus=bus), parts, port, self._scenario.name, time.monotonic_ns()))
             threading.Thread(target=self._obey, args=(asyncio.get_running_loop(),), daemon=True).start()
@@ -132,9 +117,9 @@ class BridgeProcess:
 
     def _await_go(self) -> int | None:
         match self._next_order():
-            case ("go", int(epoch_ns), tuple(strikes)):
-                for number, now_ns in strikes:
-                    self._board.strike(number, now_ns)
+            case ("go", int(epoch_ns), tuple(faults)):
+                for number, now_ns in faults:
+                    self._board.inject(number, now_ns)
                 return epoch_ns
         return None
 
@@ -153,8 +138,8 @@ class BridgeProcess:
 
     def _carry_out(self, order: Order) -> None:
         match order:
-            case ("strike", int(number), int(now_ns)):
-                self._board.strike(number, now_ns)
+            case ("inject", int(number), int(now_ns)):
+                self._board.inject(number, now_ns)
             case ("end", int(number)):
                 if self._board.end(number).step.fault == "bus.stale_queue" and self._live is not None:
                     port = self._live.port
