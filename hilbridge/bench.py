@@ -17,7 +17,7 @@ import can
 import numpy as np
 
 from hilbridge.bus.model.frames import WireFrame
-from hilbridge.bus.simulated.client import BusClient
+from hilbridge.bus.simulated.client import BusClient, Rates
 from hilbridge.bus.simulated.interface import Network, SimulatedBus
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.core.gate import GateConfig
@@ -234,7 +234,7 @@ def bus_in_process(frames: int = 20_000, repeats: int = 5) -> dict[str, float]:
 def bus_across_processes(trips: int = 500, bitrate: int = 1_000_000, payload: bytes = b"12345678") -> dict[str, float]:
     """Round trip (there, an answer of another process, back) over the simulated bus, wire time included."""
     name = f"bench-{uuid.uuid4()}"
-    client = BusClient(name, bitrate=bitrate)
+    client = BusClient(name, rates=Rates(bitrate))
     child = subprocess.Popen([sys.executable, "-c", _ECHO, name], stdout=subprocess.PIPE)
     times_ms = []
     try:

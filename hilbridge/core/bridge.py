@@ -32,6 +32,18 @@ from hilbridge.verbs import OTHER, VERBS
 
 _UNREADY = ("Boot", "SelfTest", "Follow", "RampDown")
 _FAULTS = ("Passive", "Latched")
+# What the bridge itself counts, by name of BRIDGE_DIAG.
+_COUNTED = [
+    "TxQueueFull",
+    "TxBusDown",
+    "SessionsDropped",
+    "Overruns",
+    "TickLateMaxUs",
+    "BusState",
+    "Acts",
+    "Holds",
+    "StatusSilences",
+]
 
 Value = int | float | str
 
@@ -48,9 +60,6 @@ class BridgeState(StrEnum):
 
     STARTING = "Starting"
     RUNNING = "Running"
-    STOPPING = "Stopping"
-    LISTEN_ONLY = "ListenOnly"
-    FAULT = "Fault"
 
 
 class DeviceStatus(NamedTuple):
@@ -123,20 +132,7 @@ class Bridge:
         self.emergencies: list[tuple[int, str, str]] = []
         self.command = Command(Action.HOLD, "None", HoldReason.NO_ESTIMATE, 0)
         self.stopped = False
-        self.diag: dict[str, int] = dict.fromkeys(
-            (
-                "TxQueueFull",
-                "TxBusDown",
-                "SessionsDropped",
-                "Overruns",
-                "TickLateMaxUs",
-                "BusState",
-                "Acts",
-                "Holds",
-                "StatusSilences",
-            ),
-            0,
-        )
+        self.diag = dict.fromkeys(_COUNTED, 0)
         self._status = Deadline(STATUS_LIMIT_NS)
         self._last_tick_ns: int | None = None
         self._overrun = False
