@@ -9,12 +9,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Protocol
 
-MS = 1_000_000
-CHALLENGE_WAIT_NS = 300 * MS
-# The device publishes its MAC failures once a second: before trying again, find out whether the key was at fault. A
-# third failure would latch it.
-CONFIRM_WAIT_NS = 1_200 * MS
-FRESHNESS_LIMIT = 0xFFFFFFFF
+from hilbridge.limits import CHALLENGE_WAIT_NS, CONFIRM_WAIT_NS, FRESHNESS_LIMIT
 
 
 class Phase(StrEnum):

@@ -11,14 +11,13 @@ import math
 from dataclasses import dataclass
 
 from hilbridge.features.kalman import StillPoint
+from hilbridge.limits import GAZE_COAST_NS, SENSING_LIMIT_NS
 from hilbridge.records import GazeSample
 
 REFERENCE_PX = 1280.0
 Q_PX2_PER_S = 4.0 / 0.005
 R_PX2 = 60.0
 CHI2_SACCADE = 16.0
-MAX_COAST_NS = 100_000_000
-MAX_AGE_NS = 150_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +50,7 @@ class GazeFilter:
         Coasts through blinks of up to 100 ms; never lets a NaN, an infinity or a point far outside the picture in.
         """
         fresh = sample is not None and usable(sample, now_ns) and sample.captured_ns != self._seen_ns
-        if self._seen_ns is not None and now_ns - self._seen_ns > MAX_COAST_NS and not fresh:
+        if self._seen_ns is not None and now_ns - self._seen_ns > GAZE_COAST_NS and not fresh:
             # The stamp stays: a frozen tracker's last sample must not count as a new one.
             self._filter = None
             self._position = None
@@ -100,7 +99,7 @@ def usable(sample: GazeSample, now_ns: int) -> bool:
         and math.isfinite(sample.y)
         and -1.0 <= sample.x <= 2.0
         and -1.0 <= sample.y <= 2.0
-        and now_ns - sample.captured_ns <= MAX_AGE_NS
+        and now_ns - sample.captured_ns <= SENSING_LIMIT_NS
     )
 
 

@@ -86,12 +86,9 @@ class BusServer:
             self._reception.close()
 
     def _wait(self) -> None:
-        due_ns = self.medium.next_event_ns
-        timeout_s = _TURN_S
-        if due_ns is not None:
-            # A sleep ends late by some ten microseconds, a frame lasts a quarter millisecond: wake early, then look often.
-            left_ns = due_ns - self._clock() - _WAKE_EARLY_NS
-            timeout_s = min(_TURN_S, max(0, left_ns) / NS_PER_S)
+        # A sleep ends late by some ten microseconds, a frame lasts a quarter millisecond: wake early, then look often.
+        left_ns = self.medium.due_ns - self._clock() - _WAKE_EARLY_NS
+        timeout_s = min(_TURN_S, max(0, left_ns) / NS_PER_S)
         writers = [
             box.stream
             for client in self._by_node.values()
