@@ -40,7 +40,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "firmware_sim/transitions.py": _DEVICE,
     "firmware_sim/watchdogs.py": _DEVICE,
     "firmware_sim/torque.py": _LAW,
-    **{f"firmware_sim/law/{part}.py": (*_LAW, f"test_law_{part}.py") for part in LAW},
+    **{f"firmware_sim/law/{part}.py": (*_LAW, f"law/test_{part}.py") for part in LAW},
     "firmware_sim/transmit.py": ("test_transmit.py", "test_node.py", "test_latches.py"),
     "firmware_sim/states.py": ("test_states.py", "wire/test_conformance.py", "test_latches.py"),
     "firmware_sim/e2e.py": ("test_frames_and_e2e.py", "test_edges.py", "wire/test_conformance.py", "test_commands.py"),
