@@ -1,5 +1,7 @@
 """The bridge's side of arming: request, challenge, response, and the freshness that every ACT uses up.
 
+Theory of operation: the bridge asks once it knows the device's boot nonce and MAC failures; the device answers with a
+nonce of its own; the bridge proves that it knows the key; CTRL_STATUS confirms. Then each ACT uses up one freshness value.
 A session is lost on any doubt and armed anew from nothing; nothing of an old one can be used in the next. Pure: nonces
 and cryptography are handed in, time is an argument (monotonic ns).
 """

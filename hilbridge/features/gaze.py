@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from hilbridge.features.kalman import StillPoint
+from hilbridge.features.kalman import ConstantPositionFilter
 from hilbridge.limits import GAZE_COAST_NS, SENSING_LIMIT_NS
 from hilbridge.records import GazeSample
 
@@ -35,7 +35,7 @@ class GazeFilter:
     """One wearer's gaze. `update` once per step; None back means gaze is not valid at this step."""
 
     def __init__(self) -> None:
-        self._filter: StillPoint | None = None
+        self._filter: ConstantPositionFilter | None = None
         self._stepped_ns = 0
         self._seen_ns: int | None = None
         self._position: tuple[float, float] | None = None
@@ -70,9 +70,9 @@ class GazeFilter:
         self._seen_ns = sample.captured_ns
         self._stepped_ns = now_ns
 
-    def _measure(self, kalman: StillPoint, sample: GazeSample) -> None:
+    def _measure(self, kalman: ConstantPositionFilter, sample: GazeSample) -> None:
         x_px, y_px = sample.x * REFERENCE_PX, sample.y * REFERENCE_PX
-        if kalman.surprise(x_px, y_px) > CHI2_SACCADE:
+        if kalman.normalised_innovation_squared(x_px, y_px) > CHI2_SACCADE:
             self._filter = _settled_at(sample)
         else:
             kalman.update(x_px, y_px)
@@ -103,5 +103,5 @@ def usable(sample: GazeSample, now_ns: int) -> bool:
     )
 
 
-def _settled_at(sample: GazeSample) -> StillPoint:
-    return StillPoint(sample.x * REFERENCE_PX, sample.y * REFERENCE_PX, Q_PX2_PER_S, R_PX2)
+def _settled_at(sample: GazeSample) -> ConstantPositionFilter:
+    return ConstantPositionFilter(sample.x * REFERENCE_PX, sample.y * REFERENCE_PX, Q_PX2_PER_S, R_PX2)

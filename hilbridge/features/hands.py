@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import permutations
 
-from hilbridge.features.kalman import MovingPoint
+from hilbridge.features.kalman import ConstantVelocityFilter
 from hilbridge.features.layout import MAX_HANDS
 from hilbridge.limits import HAND_COAST_NS, SENSING_LIMIT_NS
 from hilbridge.records import Hand, HandTracks
@@ -40,7 +40,9 @@ class HandState:
 
 class _Track:
     def __init__(self, hand: Hand, captured_ns: int) -> None:
-        self.point = MovingPoint(hand.x, hand.y, ACCELERATION_SD_PER_S2, MEASUREMENT_SD**2, VELOCITY_VARIANCE)
+        self.point = ConstantVelocityFilter(
+            hand.x, hand.y, ACCELERATION_SD_PER_S2, MEASUREMENT_SD**2, VELOCITY_VARIANCE
+        )
         self.stepped_ns = captured_ns
         self.seen_ns = captured_ns
 

@@ -6,7 +6,7 @@ from filterpy.kalman import KalmanFilter
 from scipy.optimize import linear_sum_assignment
 
 from hilbridge.features.hands import nearest
-from hilbridge.features.kalman import MovingPoint, StillPoint
+from hilbridge.features.kalman import ConstantPositionFilter, ConstantVelocityFilter
 
 SEEDS = range(20)
 
@@ -22,7 +22,7 @@ def steps(rng: np.random.Generator) -> list[tuple[int, tuple[float, float] | Non
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_still_point_is_filterpys(seed: int):
     rng = np.random.default_rng(seed)
-    ours = StillPoint(0.4, 0.6, wander_per_s=800.0, measurement_variance=60.0)
+    ours = ConstantPositionFilter(0.4, 0.6, wander_per_s=800.0, measurement_variance=60.0)
     oracle = KalmanFilter(dim_x=2, dim_z=2)
     oracle.x = np.array([[0.4], [0.6]])
     oracle.F = oracle.H = np.eye(2)
@@ -33,7 +33,9 @@ def test_a_still_point_is_filterpys(seed: int):
         if measured is not None:
             innovation = np.array(measured) * 1000.0 - oracle.x[:, 0]
             chi2 = innovation @ np.linalg.solve(oracle.P + oracle.R, innovation)
-            assert ours.surprise(measured[0] * 1000.0, measured[1] * 1000.0) == pytest.approx(chi2, rel=1e-9)
+            assert ours.normalised_innovation_squared(measured[0] * 1000.0, measured[1] * 1000.0) == pytest.approx(
+                chi2, rel=1e-9
+            )
             ours.update(measured[0] * 1000.0, measured[1] * 1000.0)
             oracle.update(np.array(measured)[:, None] * 1000.0)
         assert (ours.x, ours.y) == pytest.approx(tuple(oracle.x[:, 0]), rel=1e-9)
@@ -43,7 +45,7 @@ def test_a_still_point_is_filterpys(seed: int):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_moving_point_is_filterpys(seed: int):
     rng = np.random.default_rng(seed)
-    ours = MovingPoint(0.4, 0.6, acceleration_sd=3.0, measurement_variance=0.012**2, velocity_variance=0.5)
+    ours = ConstantVelocityFilter(0.4, 0.6, acceleration_sd=3.0, measurement_variance=0.012**2, velocity_variance=0.5)
     # Built by hand: filterpy's `kinematic_kf(2, 1)` observes x + y.
     oracle = KalmanFilter(dim_x=4, dim_z=2)
     oracle.x = np.array([[0.4], [0.0], [0.6], [0.0]])
