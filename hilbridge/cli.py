@@ -13,7 +13,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hilbridge.errors import InputError
+from hilbridge.errors import InputError, needs_extra
 
 # The predictor's matrices are small: a second BLAS thread only spins on the processor that the device or camera needs.
 # It must be said before numpy is imported, which every command does itself.
@@ -144,14 +144,13 @@ def doctor(
 @app.command()
 def bench(as_json: Json = False) -> None:
     """Measure prediction, tick, codec, bus, import and memory on this machine."""
-    from hilbridge.bench import run_bench
-    from hilbridge.bus.bench import measure
+    from hilbridge.bench import bus_across_processes, bus_in_process, run_bench
     from hilbridge.terminal import print_figures, status
 
     with status("measuring", quiet=as_json) as show:
         figures = run_bench(show=show).as_json()
         show("the simulated bus")
-        figures |= measure()
+        figures |= bus_in_process() | bus_across_processes()
     if as_json:
         _print_json(figures)
     else:
@@ -169,13 +168,16 @@ def train(
     seed: Annotated[int, typer.Option(min=0)] = 0,
 ) -> None:
     """Train, calibrate and choose thresholds; write one bundle. An interrupted run goes on where it was."""
-    learning = _learning("hilbridge.learning.training.make_bundle")
-    recipe = replace(learning.DEMO_RECIPE, seed=seed)
+    with needs_extra("train"):
+        from hilbridge.learning.training import make_bundle
+        from hilbridge.learning.training.recipes import DEMO_RECIPE
+
+    recipe = replace(DEMO_RECIPE, seed=seed)
     try:
-        config = learning.TrainConfig(
+        config = make_bundle.TrainConfig(
             out=out, work=work, wearer=wearer, people=people, seconds=seconds, precision=precision, recipe=recipe
         )
-        typer.echo(f"bundle: {learning.train(config)}")
+        typer.echo(f"bundle: {make_bundle.train(config)}")
     except ValueError as error:
         raise InputError(str(error)) from None
 
@@ -187,7 +189,9 @@ def evaluate(
     workers: Annotated[int, typer.Option(min=1, help="processes")] = 2,
 ) -> None:
     """Run experiments E1 to E5 and write one HTML report with tables beside the paper's figures."""
-    evaluation = _learning("hilbridge.learning.experiments.evaluate")
+    with needs_extra("train"):
+        from hilbridge.learning.experiments import evaluate as evaluation
+
     try:
         result = evaluation.evaluate(data, out, workers=workers, say=lambda line: typer.echo(line, err=True))
     except ValueError as error:
@@ -208,18 +212,20 @@ def certify(
     from hilbridge.intent.bundle import demo_bundle_path
     from hilbridge.terminal import counting
 
-    commands = _learning("hilbridge.learning.certificate.certify_bundle")
+    with needs_extra("train"):
+        from hilbridge.learning.certificate import certify_bundle as certifying
+
     try:
-        config = commands.CertifyConfig(
+        config = certifying.CertifyConfig(
             bundle=bundle or demo_bundle_path(),
             precision=precision,
             delta=delta,
-            method=commands.method_named(method),
+            method=certifying.method_named(method),
             people=people,
             write=write,
         )
         with counting("simulated people", people) as step:
-            result = commands.certify_bundle(config, progress=step)
+            result = certifying.certify_bundle(config, progress=step)
     except ValueError as error:
         raise InputError(str(error)) from None
     typer.echo("\n".join(result.lines()))
@@ -254,23 +260,15 @@ def data_pack(
     """Run gaze and videos through the feature chain once and keep feature_packs/SESSION.npz; what is there is kept."""
     from hilbridge.terminal import counting
 
-    packs = _learning("hilbridge.learning.data.packs")
+    with needs_extra("train"):
+        from hilbridge.learning.data import packs
+
     try:
         with counting("sessions", packs.missing(path)) as step:
             made = packs.make_packs(path, hands, step, lambda line: typer.echo(line, err=True))
     except ValueError as error:
         raise InputError(str(error)) from None
     typer.echo(f"{len(made)} packs written under {path / 'feature_packs'}")
-
-
-def _learning(module: str) -> Any:
-    """A module that needs the extra `train`. Raises InputError where that is not installed."""
-    import importlib
-
-    try:
-        return importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        raise InputError(f"{error.name} is not installed; add it with `pip install 'hilbridge[train]'`") from None
 
 
 @app.command("fetch-models")
@@ -300,6 +298,19 @@ def bus_analysis(
         _print_json(result)
     else:
         typer.echo(as_text(result))
+
+
+@app.command()
+def recover(
+    recording: Annotated[Path, typer.Argument(help="a recording that a crash, a kill or a full disk left")],
+    out: Annotated[Path | None, typer.Option(help="the whole file (default: NAME.recovered.mcap beside it)")] = None,
+) -> None:
+    """Make a whole file of a recording that was cut off; the original stays."""
+    from hilbridge.observe.recover import recover as make_whole
+
+    made = make_whole(recording, out)
+    lacked = f"; {made.missing}" if made.missing else "; it was whole already"
+    typer.echo(f"{made.path}: {made.rows} rows{lacked}")
 
 
 @app.command()

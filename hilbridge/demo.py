@@ -17,12 +17,11 @@ from typing import Any
 from hilbridge.bus.port.spec import parse_spec
 from hilbridge.config import BusConfig, Config
 from hilbridge.errors import InputError
-from hilbridge.rows import GroundTruth
 from hilbridge.run import Outcome, Progress, run_bridge
 from hilbridge.runtime.assemble import read_parts
+from hilbridge.runtime.judge import judge_by
 from hilbridge.runtime.live import LiveBridge
 from hilbridge.runtime.simulated_senses import SimulatedSenses
-from hilbridge.verbs import VERBS
 from hilbridge.wearer.person import Tremor, Wearer
 
 DEMO_SEED = 3  # a person the shipped bundle was not trained on
@@ -102,12 +101,6 @@ def run_demo(options: DemoOptions, progress: Progress = lambda seconds, row: Non
     device = DeviceProcess(name, options.out / "device.jsonl")
     try:
         senses = SimulatedSenses(make_wearer, config.sensors)
-        judged = make_wearer()
-
-        def judge(now_ns: int, verb_index: int | None) -> GroundTruth:
-            truth = judged.truth(now_ns - senses.epoch_ns)
-            intended = None if truth.intended is None else VERBS[truth.intended]
-            return GroundTruth(intended, None if verb_index is None else truth.is_right(verb_index))
 
         def finish(live: LiveBridge) -> Mapping[str, int]:
             device.stop()
@@ -123,7 +116,7 @@ def run_demo(options: DemoOptions, progress: Progress = lambda seconds, row: Non
                 options.out,
                 title=title,
                 seconds=options.seconds,
-                judge=judge,
+                judge=judge_by(make_wearer().truth, senses.epoch_ns),
                 progress=progress,
                 finish=finish,
             )

@@ -18,7 +18,7 @@ from hilbridge.records import Action, Frame, HoldReason
 
 
 def _action(value: object) -> object:
-    return Action[value] if isinstance(value, str) else value
+    return Action.__members__.get(value, value) if isinstance(value, str) else value
 
 
 def _bytes(value: object) -> object:
@@ -180,7 +180,7 @@ class SensorsRow:
     topic: ClassVar[str] = "/sensors"
 
     time_ns: int
-    sources: Mapping[str, SourceAccount]
+    sources: dict[str, SourceAccount]
 
 
 @dataclass(frozen=True, slots=True)
@@ -190,7 +190,7 @@ class CountersRow:
     topic: ClassVar[str] = "/counters"
 
     time_ns: int
-    counts: Mapping[str, int]
+    counts: dict[str, int]
 
 
 @dataclass(frozen=True, slots=True)

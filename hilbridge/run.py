@@ -17,8 +17,9 @@ from hilbridge.observe.report import write_report
 from hilbridge.observe.summary import Summary
 from hilbridge.priority import use_realtime_scheduling
 from hilbridge.rows import CountersRow, TickRow
-from hilbridge.runtime.assemble import Parts, live_bridge
-from hilbridge.runtime.live import Judge, LiveBridge
+from hilbridge.runtime.assemble import Parts, live_bridge, meta_row
+from hilbridge.runtime.judge import Judge
+from hilbridge.runtime.live import LiveBridge
 from hilbridge.runtime.node import Predicts
 from hilbridge.runtime.senses import Senses
 
@@ -68,8 +69,9 @@ async def run_bridge(
 
     try:
         async with live_bridge(
-            config, parts, senses, recording.write, title=title, judge=judge, on_tick=on_tick, predict=predict
+            config, parts, senses, recording.write, judge=judge, on_tick=on_tick, predict=predict
         ) as live:
+            recording.write(meta_row(config, parts, live.port, title, time.monotonic_ns()))
             _stop_on_signals(live)
             if clear_latch:
                 live.node.bridge.request_clear_latch()

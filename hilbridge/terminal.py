@@ -62,12 +62,14 @@ def summary_table(summary: Summary) -> Table:
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     rows = {
         "seconds": number(summary.seconds, ".1f"),
-        "acts / holds": f"{summary.acts} / {summary.holds}",
+        "acts / holds (episodes)": f"{summary.acts} / {summary.holds}",
         "act-only precision": number(summary.act_only_precision),
-        "coverage": number(summary.coverage),
+        "coverage (share of ticks)": number(summary.coverage),
         "false assists a minute": number(summary.false_assists_per_min, ".1f"),
         "device assisted for": f"{summary.assist_s:.1f} s",
-        "hold reasons": ", ".join(f"{reason} {count}" for reason, count in list(summary.hold_reasons.items())[:6]),
+        "hold reasons (ticks)": ", ".join(
+            f"{reason} {count}" for reason, count in list(summary.hold_reasons.items())[:6]
+        ),
         "latency p50 / p99 / max": f"{number(latency.p50, '.0f')} / {number(latency.p99, '.0f')} / "
         f"{number(latency.max, '.0f')} ms",
         "frames sent / received / lost": f"{summary.frames_sent} / {summary.frames_received} / {summary.frames_lost}",
@@ -75,6 +77,8 @@ def summary_table(summary: Summary) -> Table:
     }
     for name, value in rows.items():
         table.add_row(f"[dim]{name}[/]", value or "none")
+    if summary.missing:
+        table.add_row("[bold red]not whole[/]", escape(summary.missing))
     return table
 
 

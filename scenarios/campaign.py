@@ -19,12 +19,13 @@ from typing import Any
 import joblib
 
 from hilbridge.errors import InputError
-from scenarios.format.schema import Expectation, Scenario, Step, dump_scenario, scenario_of
+from scenarios.format.files import dump_scenario, scenario_of
+from scenarios.format.schema import Expectation, Scenario, Step
 from scenarios.format.vocabulary import FAULTS
 from scenarios.lockstep.run import run_scenario
 from scenarios.signals.stl import first_ms
 
-# Where a fault strikes: the gate's state at that moment, as conditions on signals.
+# Where a fault is injected: the gate's state at that moment, as conditions on signals.
 GATE_STATES: dict[str, str] = {
     "hold": "device.state == Ready",
     "turning to act": "gate.act",
@@ -44,7 +45,7 @@ _CONNECT_S = 10
 
 @dataclass(frozen=True, slots=True)
 class Sample:
-    """One strike: a fault, `after_ms` after the gate came to `gate`, in a run that ends at `end_ms`."""
+    """One injection: a fault, `after_ms` after the gate came to `gate`, in a run that ends at `end_ms`."""
 
     fault: str
     gate: str
@@ -108,13 +109,13 @@ def _reached_ms(base: Scenario) -> dict[str, float]:
     for gate, condition in GATE_STATES.items():
         at_ms = first_ms(condition, trace)
         if at_ms is None:
-            raise InputError(f"{base.name}: never comes to `{gate}` ({condition}), so no fault can strike there")
+            raise InputError(f"{base.name}: never comes to `{gate}` ({condition}), so no fault can be injected there")
         reached[gate] = at_ms
     return reached
 
 
 def scenario_for(base: Scenario, sample: Sample) -> Scenario:
-    """The base with that one strike, judged by safety alone."""
+    """The base with that one injection, judged by safety alone."""
     step: dict[str, Any] = {
         "when": GATE_STATES[sample.gate],
         "after": f"{sample.after_ms} ms",
@@ -221,7 +222,7 @@ def run_campaign(
     *,
     jobs: int = -1,
     cluster: str | None = None,
-    done: Callable[[str], None] = lambda name: None,
+    progress: Callable[[str], None] = lambda name: None,
 ) -> list[Outcome]:
     """Run what `out` does not hold yet; all outcomes, the nearest to harm first. Raises InputError.
 
@@ -232,7 +233,7 @@ def run_campaign(
     known = _known(log, base)
     outcomes = [known[sample.key] for sample in samples if sample.key in known]
     for _ in outcomes:
-        done("")
+        progress("")
     left = [sample for sample in samples if sample.key not in known]
     torn = log.exists() and not log.read_bytes().endswith(b"\n")
     with log.open("a", encoding="utf-8") as file, _workers(jobs, cluster) as workers:
@@ -244,7 +245,7 @@ def run_campaign(
             for outcome in _run_chunk(workers, base, left[start : start + _CHUNK]):
                 outcomes.append(outcome)
                 file.write(json.dumps(outcome.as_json()) + "\n")
-                done(outcome.sample.fault)
+                progress(outcome.sample.fault)
                 if not outcome.safe:
                     repeat = dump_scenario(scenario_for(base, outcome.sample))
                     (out / outcome.sample.file_name).write_text(repeat, encoding="utf-8")

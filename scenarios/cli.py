@@ -49,6 +49,14 @@ def list_scenarios(paths: Paths, as_json: Json = False) -> None:
 
 
 @app.command()
+def figures() -> None:
+    """What the columns of `run` and the figures of expectations mean."""
+    from scenarios.terminal import print_figures
+
+    print_figures()
+
+
+@app.command()
 def faults() -> None:
     """The vocabulary: every fault with its options, defaults and limits."""
     from scenarios.format.vocabulary import FAULTS
@@ -92,8 +100,8 @@ def run(
             f"none of {len(skipped)} scenarios can run live on {spec}: {skipped[0].file}: {skipped[0].why}"
         )
     options = RunOptions(out, seed, 1 if profile else jobs, profile, spec)
-    with progress_bar(len(found), quiet=as_json) as done:
-        results = run_all(found, options, done, skipped)
+    with progress_bar(len(found), quiet=as_json) as progress:
+        results = run_all(found, options, progress, skipped)
     passed = all(result.passed for result in results)
     if as_json:
         not_run = [asdict(one) for one in skipped]
@@ -119,15 +127,15 @@ def campaign(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Strike every fault at many instants in every gate state; rank by how near each run came to hurting somebody."""
+    """Inject every fault at many instants in every gate state; rank by how near each run came to hurting somebody."""
     from scenarios.campaign import run_campaign, samples_of
-    from scenarios.format.schema import load_scenario
+    from scenarios.format.files import load_scenario
     from scenarios.terminal import print_campaign, progress_bar
 
     scenario = load_scenario(base)
     wanted = samples_of(scenario, samples, seed, tuple(fault or ()))
-    with progress_bar(len(wanted), quiet=as_json) as done:
-        outcomes = run_campaign(scenario, wanted, out, jobs=jobs, cluster=cluster, done=done)
+    with progress_bar(len(wanted), quiet=as_json) as progress:
+        outcomes = run_campaign(scenario, wanted, out, jobs=jobs, cluster=cluster, progress=progress)
     bad = [outcome for outcome in outcomes if not outcome.safe]
     if as_json:
         worst = [outcome.as_json() for outcome in outcomes[:20]]
@@ -145,11 +153,11 @@ def minimise(
     seed: Seed = None,
 ) -> None:
     """Shrink a failing scenario: fewer faults, shorter, simpler, as long as it still fails in the same way."""
-    from scenarios.format.schema import dump_scenario, load_scenario, reseeded
+    from scenarios.format.files import dump_scenario, load_scenario, reseeded
     from scenarios.minimise import minimise_scenario
 
     scenario = reseeded(load_scenario(path), seed)
-    smaller = minimise_scenario(scenario, say=lambda line: typer.echo(line, err=True))
+    smaller = minimise_scenario(scenario, progress=lambda text: typer.echo(text, err=True))
     target = out or path.with_suffix(".min.yaml")
     target.write_text(dump_scenario(smaller), encoding="utf-8")
     typer.echo(f"{target}: {len(smaller.steps)} of {len(scenario.steps)} faults, {smaller.duration / 1e9:g} s")

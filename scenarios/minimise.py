@@ -10,7 +10,8 @@ from collections.abc import Callable
 from typing import Any
 
 from hilbridge.errors import InputError
-from scenarios.format.schema import Scenario, Step, dump_scenario
+from scenarios.format.files import dump_scenario
+from scenarios.format.schema import Scenario, Step
 from scenarios.format.vocabulary import FAULTS
 from scenarios.lockstep.run import run_scenario
 
@@ -26,7 +27,7 @@ def violations(scenario: Scenario) -> frozenset[str]:
 def minimise_scenario(
     scenario: Scenario,
     fails: Callable[[Scenario], frozenset[str]] = violations,
-    say: Callable[[str], None] = lambda line: None,
+    progress: Callable[[str], None] = lambda text: None,
 ) -> Scenario:
     """The smallest scenario found that still fails. Raises InputError when the given one does not fail."""
     wanted = fails(scenario)
@@ -41,10 +42,10 @@ def minimise_scenario(
         return tried[key]
 
     small = _fewer_steps(scenario, still)
-    say(f"{len(small.steps)} of {len(scenario.steps)} faults left after {len(tried)} runs")
+    progress(f"{len(small.steps)} of {len(scenario.steps)} faults left after {len(tried)} runs")
     small = _shorter(small, still)
     small = _simpler(small, still)
-    say(f"{small.duration / 1e9:g} s long after {len(tried)} runs")
+    progress(f"{small.duration / 1e9:g} s long after {len(tried)} runs")
     return small
 
 

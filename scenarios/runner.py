@@ -13,7 +13,8 @@ import joblib
 
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
-from scenarios.format.schema import Scenario, line_of, reseeded
+from scenarios.format.files import line_of, reseeded
+from scenarios.format.schema import Scenario
 from scenarios.live.possible import impossible_live
 from scenarios.live.run import run_live
 from scenarios.lockstep.run import run_scenario
@@ -53,7 +54,7 @@ def sort_out(
 def run_all(
     found: Sequence[tuple[Path, Scenario]],
     options: RunOptions,
-    done: Callable[[str], None] = lambda name: None,
+    progress: Callable[[str], None] = lambda name: None,
     skipped: Sequence[Skipped] = (),
 ) -> list[Result]:
     """Results in the order of the scenarios. Raises InputError for one that cannot be run."""
@@ -62,7 +63,7 @@ def run_all(
         if isinstance(outcome, InputError):
             raise outcome
         results.append(outcome)
-        done(outcome.name)
+        progress(outcome.name)
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
         rows = [result.as_json() for result in results] + [{**asdict(one), "passed": None} for one in skipped]

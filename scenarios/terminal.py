@@ -3,20 +3,32 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from rich.console import Console
+from rich.markup import escape
 from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from scenarios.format.schema import FIGURES
 from scenarios.lockstep.compiled import is_compiled
 from scenarios.verdict.judging import Result, Skipped
 
 if TYPE_CHECKING:
     from scenarios.campaign import Outcome
+
+
+COLUMNS = {
+    "precision": "act_only_precision",
+    "worst zero": "zero_after_fault_ms",
+    "margin": "smallest robustness of all safety expectations: how near the run came to breaking the contract",
+    "faults": "how often the injected faults took effect",
+    "CPU, took": "processor time of a run in virtual time; time by the clock of a live one",
+}
 
 
 @contextmanager
@@ -43,7 +55,7 @@ def print_results(results: Sequence[Result], out: Path | None, skipped: Sequence
             "[green]ok[/]" if result.passed else "[red]FAILED[/]",
             result.name,
             f"{figures['coverage']:.2f}",
-            "-" if math.isnan(precision) else f"{precision:.2f}",
+            "n/a" if math.isnan(precision) else f"{precision:.2f}",
             f"{figures['zero_after_fault_ms']:.0f} ms",
             "-" if math.isinf(result.robustness) else f"{result.robustness:.2g}",
             str(sum(fault.effects for fault in result.faults)),
@@ -56,6 +68,7 @@ def print_results(results: Sequence[Result], out: Path | None, skipped: Sequence
         for line in result.problems():
             console.print(f"  {line}", highlight=False)
         console.print(f"  repeat: {result.replay}", highlight=False, soft_wrap=True)
+    _print_vacuous(console, results)
     for result in results:
         if result.profile:
             _print_profile(console, result)
@@ -71,7 +84,30 @@ def print_results(results: Sequence[Result], out: Path | None, skipped: Sequence
         + (f", {len(skipped)} skipped" if skipped else "")
         + f"; {seconds:.0f} s of the system's life in {took}"
         + (f"; {out}" if out else "")
+        + "; `hilscenario figures` says what the columns mean"
     )
+
+
+def _print_vacuous(console: Console, results: Sequence[Result]) -> None:
+    """Expectations that passed and were never put to the test: the premise of an implication in them held at no time."""
+    safety: Counter[str] = Counter()
+    for result in results:
+        for judgement in result.judgements:
+            if judgement.is_vacuous_pass and judgement.safety:
+                safety[judgement.name] += 1
+            elif judgement.is_vacuous_pass:
+                console.print(f"[yellow]vacuous[/] {result.name}: {judgement.name}", highlight=False, soft_wrap=True)
+    for name, count in safety.items():
+        where = f"in {count} of {len(results)} scenarios"
+        console.print(f"[yellow]vacuous[/] contract: {name}: {where}", highlight=False, soft_wrap=True)
+
+
+def print_figures() -> None:
+    """What every column and every figure means."""
+    table = Table(box=None, pad_edge=False, show_header=False)
+    for name, meaning in {**FIGURES, **COLUMNS}.items():
+        table.add_row(f"[bold]{name}[/]", escape(meaning))
+    Console().print(table)
 
 
 def _print_profile(console: Console, result: Result) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import io
 from collections.abc import Callable, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from operator import attrgetter
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,7 +12,7 @@ from typing import Any, TypeVar
 import jinja2
 import markupsafe
 
-from hilbridge.observe.recording import read_recording
+from hilbridge.observe.reading import read_recording
 from hilbridge.observe.summary import Summary, summarise
 from hilbridge.records import Action
 from hilbridge.rows import CanRow, DeviceRow, EventRow, MetaRow, TickRow
@@ -34,9 +34,13 @@ _MAX_HOLD_ROWS = 12
 
 
 def write_report(recording: Path, target: Path) -> Summary:
-    """Read a recording, write its page to `target`, return its summary. Raises InputError on a broken recording."""
-    rows = [row for row in read_recording(recording) if not isinstance(row, CanRow)]
-    summary = summarise(rows)
+    """Read a recording, write its page to `target`, return its summary. Raises InputError on what is no recording.
+
+    One that was cut off is read up to there; page and summary say what is missing.
+    """
+    reader = read_recording(recording)
+    rows = [row for row in reader if not isinstance(row, CanRow)]
+    summary = replace(summarise(rows), missing=reader.missing)
     meta = next((row for row in rows if isinstance(row, MetaRow)), MetaRow(0))
     events = [row for row in rows if isinstance(row, EventRow)]
     ticks = [row for row in rows if isinstance(row, TickRow)]

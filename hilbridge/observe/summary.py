@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
 
 from hilbridge.core.gate_figures import GateTick, gate_figures
 from hilbridge.records import Action
 from hilbridge.rows import CountersRow, DeviceRow, Row, SensorsRow, SourceAccount, TickRow
+
+# CTRL_STATUS is due every 20 ms and missed after 60.
+_BELIEVED_NS = 60_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +33,7 @@ class Summary:
     acts, holds, coverage, act_only_precision, false_assists_per_min: as core.gate_figures defines them; the last two are
     None without a known truth, precision without an ACT, too.
     hold_reasons: HOLD ticks by named reason. assist_s: time in which the device said its assist was not zero.
+    missing: what a recording that is not whole lacks.
     frames_lost: frames that one side sent and the other never had. latency_ms: capture of the picture -> ACT_CMD sent.
     """
 
@@ -52,6 +55,7 @@ class Summary:
     latency_ms: Latency
     sensors: dict[str, SourceAccount] = field(default_factory=dict)
     counters: dict[str, int] = field(default_factory=dict)
+    missing: str | None = None
 
     def as_json(self) -> dict[str, Any]:
         return asdict(self)
@@ -73,9 +77,11 @@ def summarise(rows: Iterable[Row]) -> Summary:
     """Fold the rows of one recording (any order of topics, in order of time within each)."""
     ticks: list[TickRow] = []
     devices: list[DeviceRow] = []
-    counts: Mapping[str, int] = {}
-    sources: Mapping[str, SourceAccount] = {}
+    counts: dict[str, int] = {}
+    sources: dict[str, SourceAccount] = {}
+    end_ns = 0
     for row in rows:
+        end_ns = max(end_ns, row.time_ns)
         match row:
             case TickRow():
                 ticks.append(row)
@@ -99,14 +105,14 @@ def summarise(rows: Iterable[Row]) -> Summary:
         hold_reasons=_counted(str(tick.reason) for tick in ticks if tick.action is Action.HOLD),
         verbs_acted=_counted(tick.verb for tick in ticks if tick.verb is not None),
         device_states=_counted(row.state for row in devices),
-        assist_s=_assist_s(devices),
+        assist_s=_assist_s(devices, end_ns),
         frames_sent=counts.get("frames_sent", 0),
         frames_received=counts.get("frames_received", 0),
         frames_lost=counts.get("frames_lost", 0),
         ticks_missed=counts.get("ticks_missed", 0),
         latency_ms=latency_of([tick.latency_ms for tick in ticks if tick.latency_ms is not None]),
-        sensors=dict(sources),
-        counters=dict(counts),
+        sensors=sources,
+        counters=counts,
     )
 
 
@@ -114,10 +120,8 @@ def _counted(words: Iterable[str]) -> dict[str, int]:
     return dict(Counter(words).most_common())
 
 
-def _assist_s(devices: Sequence[DeviceRow]) -> float:
-    """Time between rows of which the earlier says that assist is not zero."""
-    return sum(
-        (after.time_ns - before.time_ns) / 1e9
-        for before, after in itertools.pairwise(devices)
-        if not before.assist_zero
-    )
+def _assist_s(devices: Sequence[DeviceRow], end_ns: int) -> float:
+    """Time between rows of which the earlier says that assist is not zero; a row is believed for 60 ms at most."""
+    until_ns = [row.time_ns for row in devices[1:]] + [end_ns]
+    spans = zip(devices, until_ns, strict=False)
+    return sum(min(next_ns - row.time_ns, _BELIEVED_NS) / 1e9 for row, next_ns in spans if not row.assist_zero)

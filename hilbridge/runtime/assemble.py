@@ -10,16 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hilbridge.bus.port.asyncio_port import BusPort, PortState
-from hilbridge.config import BusConfig, Config
+from hilbridge.bus.port.asyncio_port import BusPort
+from hilbridge.bus.port.state import PortState
+from hilbridge.config import BusConfig, Config, GateSection
 from hilbridge.core.bridge import Bridge, BridgeConfig
-from hilbridge.core.gate import MS, GateConfig
+from hilbridge.core.gate import GateConfig
 from hilbridge.errors import InputError
 from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
 from hilbridge.intent.predictor import Predictor
 from hilbridge.intent.tremor import TremorGuard
+from hilbridge.limits import MS
 from hilbridge.rows import EventRow, MetaRow, TickRow
-from hilbridge.runtime.live import Judge, LiveBridge, Recorder
+from hilbridge.runtime.judge import Judge
+from hilbridge.runtime.live import LiveBridge, Recorder
 from hilbridge.runtime.node import BridgeNode, Predicts
 from hilbridge.runtime.senses import Senses
 from hilbridge.wire.codec import Codec
@@ -43,12 +46,11 @@ class Parts:
 def read_parts(config: Config) -> Parts:
     """Read bundle and DBC, settle the gate's thresholds. Raises InputError."""
     bundle = load_bundle(Path(config.model.bundle) if config.model.bundle else demo_bundle_path())
-    return Parts(bundle, gate_config(config, bundle), Codec(Path(config.bus.dbc) if config.bus.dbc else None))
+    return Parts(bundle, gate_config(config.gate, bundle), Codec(Path(config.bus.dbc) if config.bus.dbc else None))
 
 
-def gate_config(config: Config, bundle: Bundle) -> GateConfig:
-    """Thresholds of the configuration over those of the bundle. Raises InputError when they do not make a band."""
-    section = config.gate
+def gate_config(section: GateSection, bundle: Bundle) -> GateConfig:
+    """Thresholds that were asked for over those of the bundle. Raises InputError when they do not make a band."""
     tau_on = section.tau_on if section.tau_on is not None else bundle.thresholds.tau_on
     tau_off = section.tau_off if section.tau_off is not None else bundle.thresholds.tau_off
     try:
@@ -85,23 +87,23 @@ def build_node(
             "train one on people with `hilbridge train` and give it with --bundle"
         )
     key = load_key(Path(config.key_file) if config.key_file else None, physical=port.is_physical and config.arm)
+    asked = BridgeConfig(arm=config.arm or not port.is_physical, listen_only=port.listen_only)
+    return assemble_node(parts, key, lambda: secrets.randbits(32), asked, on_event, predict)
+
+
+def assemble_node(
+    parts: Parts,
+    key: bytes,
+    draw_nonce: Callable[[], int],
+    config: BridgeConfig,
+    on_event: Callable[[int, str], None],
+    predict: Predicts | None = None,
+) -> BridgeNode:
+    """A node that has seen and sent nothing yet, for live runs and virtual time. predict: default, the bundle's own."""
     wire = WireLink(parts.codec)
-    may_arm = config.arm or not port.is_physical
-    bridge = Bridge(
-        wire,
-        Authenticator(key),
-        lambda: secrets.randbits(32),
-        BridgeConfig(arm=may_arm, listen_only=port.listen_only),
-        lambda: wire.counters,
-    )
+    bridge = Bridge(wire, Authenticator(key), draw_nonce, config, lambda: wire.counters)
     return BridgeNode(
-        predict or Predictor(parts.bundle),
-        parts.gate,
-        bridge,
-        wire,
-        parts.bundle.bundle_id,
-        TremorGuard(),
-        on_event,
+        predict or Predictor(parts.bundle), parts.gate, bridge, wire, parts.bundle.bundle_id, TremorGuard(), on_event
     )
 
 
@@ -112,7 +114,6 @@ async def live_bridge(
     senses: Senses,
     record: Recorder,
     *,
-    title: str,
     judge: Judge | None = None,
     on_tick: Callable[[TickRow], None] = lambda row: None,
     predict: Predicts | None = None,
@@ -130,7 +131,6 @@ async def live_bridge(
     async with open_port(config.bus, on_change) as port:
         node = build_node(parts, port, config.bus, on_event, predict)
         live = LiveBridge(node, port, senses, record, judge=judge, on_tick=on_tick)
-        record(meta_row(config, parts, port, title, time.monotonic_ns()))
         yield live
 
 

@@ -1,10 +1,14 @@
-"""Whether the sensors can be believed, as a pure function of what they last said and the time (hazard H8, H9)."""
+"""Whether the sensors can be believed: what each last said, judged against its limits and the time (H8, H9). Pure."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-MS = 1_000_000
+from hilbridge.config import SensorsConfig
+from hilbridge.limits import MS
+from hilbridge.records import CameraFrame
+
+_PROBE_STEP_PX = 16  # every 16th pixel both ways: enough to tell two pictures apart, nothing to compute
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,6 +21,31 @@ class SensorSeen:
     changed_ns: int | None
     timeout_ns: int
     freeze_ns: int | None = None
+
+
+class FreezeProbe:
+    """Finds out when a camera's picture last changed, to the eye: colours count, not the numbers of a palette."""
+
+    def __init__(self) -> None:
+        self.changed_ns: int | None = None
+        self._content = b""
+
+    def look(self, frame: CameraFrame) -> None:
+        """Compare the next picture with the one before."""
+        pixels = frame.pixels[::_PROBE_STEP_PX, ::_PROBE_STEP_PX]
+        content = (pixels if frame.palette is None else frame.palette.take(pixels, axis=0)).tobytes()
+        if content != self._content:
+            self._content, self.changed_ns = content, frame.captured_ns
+
+
+def camera_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None, changed_ns: int | None) -> SensorSeen:
+    """The camera against its limits: silent for too long, or frozen."""
+    return SensorSeen("camera", alive, captured_ns, changed_ns, limits.camera_timeout_ms * MS, limits.freeze_ms * MS)
+
+
+def gaze_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None) -> SensorSeen:
+    """The eye tracker against its limits. Eyes may rest on one point, so equal samples say nothing."""
+    return SensorSeen("gaze", alive, captured_ns, None, limits.gaze_timeout_ms * MS)
 
 
 def sensor_problem(sensor: SensorSeen, now_ns: int) -> str | None:

@@ -7,36 +7,19 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from hilbridge.bus.model.error_frames import ErrorState
-from hilbridge.bus.port.asyncio_port import BusPort, PortState, SendResult
-from hilbridge.core.bridge import STOP_GAP_NS, STOP_REPEATS
+from hilbridge.bus.port.asyncio_port import BusPort
+from hilbridge.bus.port.state import PortState, SendResult
+from hilbridge.limits import STOP_GAP_NS, STOP_REPEATS, TICK_GRACE_NS
 from hilbridge.records import FeatureVector, Frame
-from hilbridge.rows import (
-    CountersRow,
-    EventRow,
-    GroundTruth,
-    Row,
-    SensorsRow,
-    TickRow,
-    received_row,
-    sent_row,
-    with_truth,
-)
+from hilbridge.rows import CountersRow, EventRow, Row, SensorsRow, TickRow, received_row, sent_row, with_truth
 from hilbridge.runtime.device_view import DeviceView
+from hilbridge.runtime.judge import Judge
 from hilbridge.runtime.node import BridgeNode
-from hilbridge.runtime.phase import GRACE_NS, locks_to, next_tick
+from hilbridge.runtime.phase import locks_to, next_tick
 from hilbridge.runtime.senses import Senses
 
 Recorder = Callable[[Row], None]
-# Judges a decision against what the wearer really wants, where that is known: (now_ns, verb index).
-Judge = Callable[[int, int | None], GroundTruth]
 
-_BUS_STATES = {
-    ErrorState.ACTIVE: 1,
-    ErrorState.WARNING: 2,
-    ErrorState.PASSIVE: 3,
-    ErrorState.BUS_OFF: 4,
-}
 _HOUSEKEEPING_S = 1.0
 
 
@@ -107,10 +90,7 @@ class LiveBridge:
         now_ns = self._clock_ns()
         text = f"bus: {'link up' if state.link_up else 'link down'}, controller {state.controller.name.lower()}"
         self._record(EventRow(now_ns, f"{text}{'; ' + state.reason if state.reason else ''}"))
-        bus_off = state.controller is ErrorState.BUS_OFF
-        self.node.bridge.on_bus_state(_BUS_STATES.get(state.controller, 0), bus_off)
-        if not state.link_up:
-            self.node.bridge.on_send_failed(bus_down=True)
+        self.node.on_bus_state(state.controller, link_up=state.link_up)
 
     async def _tick_until(self, end_ns: int | None) -> None:
         due_ns = self._clock_ns()
@@ -118,7 +98,7 @@ class LiveBridge:
         first = True  # the features seen next are the first
         while not self._stopping.is_set():
             await self._sleep_until(due_ns)
-            vector = await self._features(due_ns + GRACE_NS if lock else due_ns)
+            vector = await self._features(due_ns + TICK_GRACE_NS if lock else due_ns)
             now_ns = self._clock_ns()
             if self.senses.ended or (end_ns is not None and now_ns >= end_ns):
                 return

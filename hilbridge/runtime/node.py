@@ -10,10 +10,12 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Protocol
 
+from hilbridge.bus.model.error_frames import ErrorState
 from hilbridge.core import gate
 from hilbridge.core.bridge import Bridge
 from hilbridge.core.gate import GateConfig, GateState
 from hilbridge.core.session import Session
+from hilbridge.limits import GAP_NS
 from hilbridge.records import FeatureVector, Frame, GateDecision, HoldReason, IntentEstimate
 from hilbridge.rows import TickRow
 from hilbridge.runtime.health import SensorSeen, first_problem
@@ -21,11 +23,15 @@ from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Decoded
 from hilbridge.wire.link import WireLink
 
-MS = 1_000_000
-# After a longer gap the window would join moments that do not belong together, so belief starts anew.
-GAP_NS = 150 * MS
 # Reasons to hold that are faults of the bridge's own sight, not a change of the wearer's mind (docs/decisions/001).
 _BLIND = frozenset({HoldReason.OVERRUN, HoldReason.NO_ESTIMATE, HoldReason.STALE, HoldReason.SENSOR_MISSING})
+
+_BUS_STATES = {  # of BRIDGE_DIAG; 0 is unknown
+    ErrorState.ACTIVE: 1,
+    ErrorState.WARNING: 2,
+    ErrorState.PASSIVE: 3,
+    ErrorState.BUS_OFF: 4,
+}
 
 
 class Predicts(Protocol):
@@ -93,6 +99,13 @@ class BridgeNode:
             code, state = outcome.signals["Code"], outcome.signals["State"]
             self._on_event(now_ns, f"device emergency: {code} in {state}")
         return outcome, answers
+
+    def on_bus_state(self, controller: ErrorState, *, link_up: bool = True) -> None:
+        """The controller chip or its link is in another state. A chip that is bus-off sends as little as one unlinked."""
+        bus_off = controller is ErrorState.BUS_OFF
+        self.bridge.on_bus_state(_BUS_STATES.get(controller, 0), bus_off)
+        if bus_off or not link_up:
+            self.bridge.on_send_failed(bus_down=True)
 
     def tick(self, vector: FeatureVector | None, sensors: tuple[SensorSeen, ...], now_ns: int) -> Tick:
         """One 25 Hz tick. `vector` is the newest features not yet seen, or None."""

@@ -11,7 +11,7 @@ from hilbridge.config import SensorsConfig
 from hilbridge.errors import InputError
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample
 from hilbridge.rows import SourceAccount
-from hilbridge.runtime.health import MS, SensorSeen
+from hilbridge.runtime.health import SensorSeen, camera_seen, gaze_seen
 from hilbridge.runtime.vision import FindsHands, VisionWorker
 from hilbridge.sensors.source import Source, SourceState
 
@@ -62,24 +62,11 @@ class Senses:
     def seen(self) -> tuple[SensorSeen, ...]:
         """What each source last said, for `health`."""
         config, vision = self._config, self.vision
-        camera = SensorSeen(
-            "camera",
-            self.camera.state is SourceState.RUNNING and vision.failure is None,
-            self.camera.last_captured_ns,
-            vision.frame_changed_ns,
-            config.camera_timeout_ms * MS,
-            config.freeze_ms * MS,
-        )
+        looks = self.camera.state is SourceState.RUNNING and vision.failure is None
+        camera = camera_seen(config, looks, self.camera.last_captured_ns, vision.freeze.changed_ns)
         if self.gaze is None:
             return (camera,)
-        gaze = SensorSeen(
-            "gaze",
-            self.gaze.state is SourceState.RUNNING,
-            self.gaze.last_captured_ns,
-            None,
-            config.gaze_timeout_ms * MS,
-        )
-        return (camera, gaze)
+        return (camera, gaze_seen(config, self.gaze.state is SourceState.RUNNING, self.gaze.last_captured_ns))
 
     def accounts(self) -> dict[str, SourceAccount]:
         """Every value of every cell and what became of it."""

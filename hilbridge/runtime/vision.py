@@ -12,9 +12,8 @@ import cv2
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.priority import Level, take_level
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample, HandTracks
+from hilbridge.runtime.health import FreezeProbe
 from hilbridge.sensors.cell import LatestCell
-
-_PROBE_STEP = 16  # every 16th pixel both ways: enough to tell two pictures apart, nothing to compute
 
 
 class FindsHands(Protocol):
@@ -27,8 +26,7 @@ class VisionWorker:
     """Takes the newest picture, finds hands, assembles features with the newest gaze, leaves them in `vectors`.
 
     `find_hands` is made in the worker's own thread (MediaPipe wants one thread) and may be None: hands are then masked.
-    `on_vector` is called in the worker's thread after each. `frame_changed_ns` is when the picture's content last
-    changed: equal to the newest stamp for a camera that lives.
+    `on_vector` is called in the worker's thread after each. `freeze` knows when the picture's content last changed.
     """
 
     def __init__(
@@ -41,15 +39,13 @@ class VisionWorker:
         self.vectors: LatestCell[FeatureVector] = LatestCell()
         self.ready = threading.Event()
         self.failure: Exception | None = None
-        self.frame_changed_ns: int | None = None
+        self.freeze = FreezeProbe()
         self.frames_with_hands = 0
-        self.frames_seen = 0
         self.last_ready_ns: int | None = None
         self.on_vector: Callable[[], None] = lambda: None
         self._frames, self._gaze = frames, gaze
         self._find_hands = find_hands
         self._clock_ns = clock_ns
-        self._probe = b""
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name="vision", daemon=True)
 
@@ -83,10 +79,7 @@ class VisionWorker:
                 close()
 
     def _step(self, frame: CameraFrame, detector: FindsHands | None, assembler: FeatureAssembler) -> None:
-        self.frames_seen += 1
-        probe = frame.rgb[::_PROBE_STEP, ::_PROBE_STEP].tobytes()
-        if probe != self._probe:
-            self._probe, self.frame_changed_ns = probe, frame.captured_ns
+        self.freeze.look(frame)
         hands = detector.detect(frame) if detector is not None else None
         self.frames_with_hands += bool(hands and hands.hands)
         gaze = self._gaze.take() if self._gaze is not None else None

@@ -8,7 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from hilbridge.errors import InputError
-from scenarios.format.schema import Scenario, load_scenario, scenario_of
+from scenarios.format.files import load_scenario, scenario_of
+from scenarios.format.schema import Scenario
 
 
 def collect(paths: Iterable[Path]) -> list[tuple[Path, Scenario]]:

@@ -6,27 +6,17 @@ Unknown keys are refused with file and line, and every error offers the nearest 
 from __future__ import annotations
 
 import difflib
-from pathlib import Path
 from typing import Annotated, Any, Literal
 
-import yaml
-from pydantic import (
-    BaseModel,
-    ConfigDict,
-    Discriminator,
-    Field,
-    Tag,
-    ValidationError,
-    field_validator,
-    model_validator,
-)
-from pydantic_core import ErrorDetails, PydanticCustomError
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
-from hilbridge.errors import InputError
 from hilbridge.verbs import VERBS
 from scenarios.format.durations import Duration
 from scenarios.format.vocabulary import SENSORS, checked_options, fault_kind
-from scenarios.signals.stl import FormulaError, parse
+from scenarios.signals.check import formula_problem
+from scenarios.signals.domains import OF_THE_MIND, domains_of
+from scenarios.signals.stl import signal_names
 
 HAZARDS = tuple(f"H{number}" for number in range(1, 10))
 
@@ -63,6 +53,12 @@ class GatePart(_Part):
     tau_off: Annotated[float, Field(gt=0.0, lt=1.0)] | None = None
     refractory: Duration = 240_000_000  # ns, as every parsed duration
     alpha: Annotated[float, Field(gt=0.0, le=1.0)] = 0.2
+
+    @model_validator(mode="after")
+    def _band(self) -> GatePart:
+        if self.tau_on is not None and self.tau_off is not None and self.tau_off >= self.tau_on:
+            raise ValueError(f"tau_off = {self.tau_off:g} must be below tau_on = {self.tau_on:g}")
+        return self
 
 
 class Estimate(_Part):
@@ -138,7 +134,7 @@ Intent = Annotated[
 
 
 class Step(_Part):
-    """One fault and when it strikes: `at` a time, `every` so often from `at` on, or `when` a condition first holds."""
+    """One fault and when it is injected: `at` a time, `every` so often from `at` on, or `when` a condition first holds."""
 
     fault: str
     at: Duration | None = None
@@ -156,10 +152,8 @@ class Step(_Part):
         object.__setattr__(self, "options", checked_options(self.fault, self.options))
         if (self.at is None) == (self.when is None):
             raise ValueError("a step needs either `at` or `when`")
-        if self.when is not None:
-            if self.every is not None:
-                raise ValueError("`every` goes with `at`, not with `when`")
-            _readable(self.when)
+        if self.when is not None and self.every is not None:
+            raise ValueError("`every` goes with `at`, not with `when`")
         if self.every is not None and self.for_ is None and not kind.instant:
             raise ValueError("a step with `every` needs `for`: how long each time")
         if self.every is not None and self.for_ is not None and self.for_ >= self.every:
@@ -185,7 +179,6 @@ class Expectation(_Part):
         if self.that is not None:
             if self.at_least is not None or self.at_most is not None:
                 raise ValueError("`at_least` and `at_most` go with `figure`")
-            _readable(self.that)
         else:
             if self.figure not in FIGURES:
                 near = difflib.get_close_matches(str(self.figure), FIGURES, n=1)
@@ -196,21 +189,21 @@ class Expectation(_Part):
         return self
 
 
-# Figures of a run that an expectation may bound (scenarios/verdict/figures.py computes them).
-FIGURES = (
-    "acts",
-    "holds",
-    "coverage",
-    "act_only_precision",
-    "false_assists_per_min",
-    "assist_s",
-    "assist_energy_j",
-    "max_assist_nm",
-    "zero_after_fault_ms",
-    "trips",
-    "frames_rejected",
-    "frames_lost",
-)
+# Figures of a run that an expectation may bound, with what they mean (scenarios/verdict/figures.py computes them).
+FIGURES = {
+    "acts": "episodes of ACT: runs of ticks that assist one verb",
+    "holds": "episodes of HOLD, the one that a run begins in counted",
+    "coverage": "share of ticks under ACT",
+    "act_only_precision": "share of ticks under ACT whose verb is the wearer's; n/a where none acted or nobody knows",
+    "false_assists_per_min": "episodes of ACT whose first tick assists a wrong verb, a minute",
+    "assist_s": "time in which assist was not zero, in s",
+    "assist_energy_j": "mechanical work of assist and gravity support on the arm, both ways, in J",
+    "max_assist_nm": "largest assist of the run, in N m",
+    "zero_after_fault_ms": "longest time from the begin of a fault under assist until assist is zero, in ms",
+    "trips": "faults that the device counted as trips",
+    "frames_rejected": "frames that the device took in and refused",
+    "frames_lost": "frames that one side sent and the other knows it missed",
+}
 
 
 class Scenario(_Part):
@@ -236,8 +229,24 @@ class Scenario(_Part):
             raise ValueError("`duration` must be above zero")
         for number, step in enumerate(self.steps):
             if step.at is not None and step.at >= self.duration:
-                late = f"strikes at {step.at / 1e9:g} s, after the end at {self.duration / 1e9:g} s"
-                raise PydanticCustomError("step", "{why}", {"why": late, "step": number, "key": "at"})
+                late = f"begins at {step.at / 1e9:g} s, after the end at {self.duration / 1e9:g} s"
+                raise PydanticCustomError("part", "{why}", {"why": late, "place": ("steps", number, "at")})
+        return self
+
+    @model_validator(mode="after")
+    def _judgeable(self) -> Scenario:
+        """Every formula is about signals and words that there are, and can have two verdicts."""
+        domains = domains_of(step.fault for step in self.steps)
+        formulas = [("steps", number, "when", step.when) for number, step in enumerate(self.steps)]
+        formulas += [("expect", number, "that", expectation.that) for number, expectation in enumerate(self.expect)]
+        for section, number, key, formula in formulas:
+            if formula is None:
+                continue
+            why = formula_problem(formula, domains)
+            if why is None and isinstance(self.intent, Session) and (unknown := signal_names(formula) & OF_THE_MIND):
+                why = f"`{unknown.pop()}` has no value here: nobody wrote down what a recorded wearer intended"
+            if why is not None:
+                raise PydanticCustomError("part", "{why}", {"why": why, "place": (section, number, key)})
         return self
 
     @model_validator(mode="after")
@@ -248,130 +257,5 @@ class Scenario(_Part):
             if step.fault in self.intent.unchangeable:
                 source = "features" if self.intent.features is not None else "a video"
                 why = f"`{step.fault}` changes what is seen, which {source} recorded already cannot show"
-                raise PydanticCustomError("step", "{why}", {"why": why, "step": number, "key": "fault"})
+                raise PydanticCustomError("part", "{why}", {"why": why, "place": ("steps", number, "fault")})
         return self
-
-
-def _readable(formula: str) -> None:
-    try:
-        parse(formula)
-    except FormulaError as error:
-        raise ValueError(str(error)) from None
-
-
-def load_scenario(path: Path) -> Scenario:
-    """Read a YAML scenario. Raises InputError: one line with file, line, what is wrong and the nearest valid name."""
-    try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: cannot be read ({error})") from None
-    try:
-        root = yaml.compose(text, Loader=yaml.SafeLoader)
-        data = yaml.safe_load(text)
-    except yaml.YAMLError as error:
-        mark = getattr(error, "problem_mark", None)
-        line = mark.line + 1 if mark is not None else 1
-        raise InputError(f"{path}:{line}: not readable as YAML: {getattr(error, 'problem', error)}") from None
-    if not isinstance(data, dict):
-        raise InputError(f"{path}:1: a scenario is a mapping with `name`, `duration` and `expect`")
-    if isinstance(data.get("intent"), dict):
-        data["intent"] = _beside(path, data["intent"])
-    return scenario_of(data, where=lambda location: f"{path}:{_line(root, location)}")
-
-
-def _beside(path: Path, session: dict[str, Any]) -> dict[str, Any]:
-    """A recorded session with its files' whole paths."""
-    files = ("features", "recording", "video", "gaze")
-    return {
-        key: str((path.parent / value).resolve()) if key in files and isinstance(value, str) else value
-        for key, value in session.items()
-    }
-
-
-def scenario_of(data: dict[str, Any], where: Any = lambda location: "scenario") -> Scenario:
-    """The Python builder's form of the same. Raises InputError naming the place that `where` gives to a location."""
-    try:
-        return Scenario.model_validate(data)
-    except ValidationError as error:
-        chosen = max(error.errors(), key=_aptness)
-        location = _location(chosen)
-        raise InputError(f"{where(location)}: {_explain(chosen, location)}") from None
-
-
-def _location(error: ErrorDetails) -> tuple[int | str, ...]:
-    """Where in the file: pydantic's own names for the members of a union (`tuple[Estimate, ...]`) are left out."""
-    if error["type"] == "step":
-        return ("steps", error["ctx"]["step"], error["ctx"]["key"])
-    return tuple(part for part in error["loc"] if isinstance(part, int) or "[" not in part)
-
-
-def _aptness(error: ErrorDetails) -> tuple[bool, int]:
-    """A misspelt key says more than the key that is then missing; a deep error more than a union's other member."""
-    return error["type"] == "extra_forbidden", len(_location(error))
-
-
-def _explain(error: ErrorDetails, location: tuple[int | str, ...]) -> str:
-    key = ".".join(str(part + 1) if isinstance(part, int) else part for part in location)
-    if error["type"] == "extra_forbidden":
-        known = _keys_at(location[:-1])
-        near = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.5)
-        return f"unknown key `{key}`; " + (f"did you mean `{near[0]}`?" if near else f"known here: {', '.join(known)}")
-    if error["type"] == "missing":
-        return f"`{key}` is missing"
-    message = str(error["msg"]).removeprefix("Value error, ")
-    return f"`{key}`: {message}" if key else message
-
-
-def _keys_at(location: tuple[int | str, ...]) -> list[str]:
-    parts: dict[str, type[BaseModel]] = {
-        "wearer": WearerPart,
-        "gate": GatePart,
-        "bus": BusPart,
-        "device": DevicePart,
-        "steps": Step,
-        "expect": Expectation,
-        "intent": Estimate,
-    }
-    model = parts.get(str(location[0]), Scenario) if location else Scenario
-    if location == ("intent",):
-        model = Session
-    return [field.alias or name for name, field in model.model_fields.items()]
-
-
-def _line(node: Any, location: tuple[int | str, ...]) -> int:
-    """The line of the deepest part of `location` that the file has."""
-    line = 1 if node is None else node.start_mark.line + 1
-    for part in location:
-        found = None
-        if isinstance(node, yaml.MappingNode):
-            for key, value in node.value:
-                if key.value == str(part):
-                    line, found = key.start_mark.line + 1, value
-        elif isinstance(node, yaml.SequenceNode) and isinstance(part, int) and part < len(node.value):
-            found = node.value[part]
-            line = found.start_mark.line + 1
-        if found is None:
-            return int(line)
-        node = found
-    return int(line)
-
-
-def line_of(path: Path, location: tuple[int | str, ...]) -> int:
-    """The line of a scenario file that has that part of it; 1 for a file that has changed under us."""
-    try:
-        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
-    except (OSError, UnicodeDecodeError, yaml.YAMLError):
-        return 1
-    return _line(root, location)
-
-
-def reseeded(scenario: Scenario, seed: int | None) -> Scenario:
-    """The same scenario with another seed; None leaves it as it is."""
-    return scenario if seed is None else scenario.model_copy(update={"seed": seed})
-
-
-def dump_scenario(scenario: Scenario) -> str:
-    """YAML that `load_scenario` reads back to an equal object; what has its default is left out."""
-    data = scenario.model_dump(mode="json", by_alias=True, exclude_defaults=True, exclude_none=True)
-    text: str = yaml.safe_dump(data, sort_keys=False, width=110, allow_unicode=True)
-    return text

@@ -50,8 +50,8 @@ _SENSOR_KINDS: dict[str, tuple[str, dict[str, Option]]] = {
     "clock_skew": ("stamps with a clock that is off", {"skew_ms": Option(200, -5000, 5000, "added to stamps")}),
 }
 
-_WHICH = {"can_id": Option(-1, -1, 0x7FF, "CAN identifier it strikes; -1 strikes all")}
-_SHARE = {"share": Option(1.0, 0.001, 1.0, "share of the frames it strikes")}
+_WHICH = {"can_id": Option(-1, -1, 0x7FF, "only frames of this CAN identifier; -1: all frames")}
+_SHARE = {"share": Option(1.0, 0.001, 1.0, "share of these frames")}
 
 _OTHERS: tuple[FaultKind, ...] = (
     FaultKind("bus.drop", "frames vanish on their way", {**_WHICH, **_SHARE}),
@@ -145,6 +145,10 @@ FAULTS: dict[str, FaultKind] = {
     },
     **{kind.name: kind for kind in _OTHERS},
 }
+
+# Who carries a fault of the bus out: its wire, or a third node on it. All others are a tap's, between node and bus.
+WIRE_FAULTS = ("bus.cut", "bus.bus_off")
+INTRUDER_FAULTS = ("bus.babble", "bus.replay", "bus.forge", "bus.stop")
 
 
 def fault_kind(name: str) -> FaultKind:

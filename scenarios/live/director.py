@@ -1,4 +1,4 @@
-"""The director of a live run: starts bridge and device, strikes each fault when it is due, follows both logs, ends all.
+"""The director of a live run: starts bridge and device, injects each fault when it is due, follows both logs, ends all.
 
 Everything here is one loop of a few milliseconds; what happened when is read off the processes' own stamps, so that a
 late look changes no verdict.
@@ -6,10 +6,8 @@ late look changes no verdict.
 
 from __future__ import annotations
 
-import heapq
 import time
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -17,27 +15,28 @@ from firmware_sim.attachment import Attachment, BusUnusable
 from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
+from hilbridge.limits import MS
 from hilbridge.rows import Row, TickRow, from_fields
 from scenarios.format.schema import BusPart, Scenario
-from scenarios.format.vocabulary import fault_kind
-from scenarios.live import intruder
-from scenarios.live.bridge_log import missing_ticks
-from scenarios.live.bus_faults import OF_THE_WIRE, SimulatedWire
-from scenarios.live.device_log import Ages, device_now
-from scenarios.live.happened import Happened
+from scenarios.format.vocabulary import INTRUDER_FAULTS, WIRE_FAULTS
+from scenarios.live.bridge_life import AWAY, BridgeLife
+from scenarios.live.clock import LiveClock
+from scenarios.live.device_world import DeviceWorld
 from scenarios.live.intruder import LiveIntruder
-from scenarios.live.life import AWAY, BridgeLife
+from scenarios.live.logs.bridge import missing_ticks
+from scenarios.live.logs.device import Ages, device_now
+from scenarios.live.logs.happened import Happened
 from scenarios.live.processes import DeviceHandle, LiveProcess, await_ready
-from scenarios.live.world import PUSHING, DeviceWorld
+from scenarios.live.wire import SimulatedWire
 from scenarios.signals.bridge import absent_bridge, bridge_signals
 from scenarios.signals.device import DeviceLine, device_line
-from scenarios.signals.stl import holds_now, signal_names
 from scenarios.signals.tracks import Value
+from scenarios.world.arm import PUSHING
 from scenarios.world.fault_board import Active, FaultBoard
+from scenarios.world.script import Player
 
-MS = 1_000_000
-_POLL_S = 0.008
-_SENDING_POLL_S = 0.002
+_POLL_NS = 8 * MS
+_SENDING_POLL_NS = 2 * MS
 _LEAD_NS = 200 * MS  # between `go` and the scenario's time 0
 _GRACE_S = 60.0  # how much longer than the scenario a forgotten device lives
 _SETTLE_NS = 100 * MS
@@ -56,10 +55,8 @@ class Director:
         self.happened = Happened()
         self._now: dict[str, Value] = {}
         self._ages = Ages()
-        self._heap: list[tuple[int, int, Callable[[], None]]] = []
-        self._order = 0
-        self._waiting = {number for number, step in enumerate(scenario.steps) if step.when is not None}
-        self._names = {number: signal_names(scenario.steps[number].when or "") for number in self._waiting}
+        self._clock = LiveClock()
+        self._player = Player(self.board, self._clock, self)
         self._wire: SimulatedWire | None = None
         self._intruder: LiveIntruder | None = None
         self._device: DeviceHandle | None = None
@@ -88,9 +85,9 @@ class Director:
         self._device = DeviceHandle(self.spec, self.folder, self.scenario.device.arm, seconds + _GRACE_S)
         self._bridge = BridgeLife(self.scenario, self.spec, self.folder)
         await_ready(self._device, self._bridge.handle)
-        if any(step.fault in intruder.FAULTS for step in self.scenario.steps):
+        if any(step.fault in INTRUDER_FAULTS for step in self.scenario.steps):
             self._intruder = LiveIntruder(device_spec(str(self.spec)), self.scenario.seed)
-        self.happened.start_ns = time.monotonic_ns() + _LEAD_NS
+        self.happened.start_ns = self._clock.start_ns = time.monotonic_ns() + _LEAD_NS
         self._bridge.go(self.happened.start_ns)
 
     def _refuse_company(self) -> None:
@@ -108,25 +105,24 @@ class Director:
             )
 
     def _play(self) -> None:
-        for number, step in enumerate(self.scenario.steps):
-            if step.at is not None:
-                self._at(step.at, partial(self._strike, number))
+        self._player.start()
         self._watch_wire()
-        while (now_ns := self._clock()) < self.scenario.duration:
+        while (now_ns := self._clock.now_ns()) < self.scenario.duration:
             self._follow()
-            while self._heap and self._heap[0][0] <= self._clock():
-                heapq.heappop(self._heap)[2]()
+            while (due := self._clock.take_due(self._clock.now_ns())) is not None:
+                due()
             if self._intruder is not None:
                 self._intruder.poll(time.monotonic_ns())
-            next_ns = self._heap[0][0] if self._heap else self.scenario.duration
-            longest_s = _POLL_S if self._intruder is None else _SENDING_POLL_S
-            time.sleep(max(0.0, min(longest_s, (next_ns - now_ns) / 1e9)))
+            longest_ns = _POLL_NS if self._intruder is None else _SENDING_POLL_NS
+            next_ns = self._clock.next_ns
+            wait_ns = longest_ns if next_ns is None else min(longest_ns, next_ns - now_ns)
+            time.sleep(max(0, wait_ns) / 1e9)
         time.sleep(_SETTLE_NS / 1e9)  # rows of the last moment are still being written
 
     def _watch_wire(self) -> None:
         if self._wire is not None:
             self._wire.settle()
-            self._at(self._clock() + _WATCH_NS, self._watch_wire)
+            self._clock.at(self._clock.now_ns() + _WATCH_NS, self._watch_wire)
 
     def _close(self) -> None:
         happened = self.happened
@@ -151,13 +147,6 @@ class Director:
         if self._wire is not None:
             self._wire.close()
 
-    def _clock(self) -> int:
-        return time.monotonic_ns() - self.happened.start_ns
-
-    def _at(self, when_ns: int, do: Callable[[], None]) -> None:
-        self._order += 1
-        heapq.heappush(self._heap, (when_ns, self._order, do))
-
     # Following the logs
 
     def _follow(self) -> None:
@@ -177,7 +166,7 @@ class Director:
                 self.happened.events.append((when_ns, f"device obeys: {row['command']}"))
             else:
                 self._take_device_line(device_line(row))
-            self._look_for_conditions(when_ns - self.happened.start_ns)
+            self._player.look(when_ns - self._clock.start_ns, self._now)
 
     def _take_bridge_row(self, row: Row) -> None:
         self.happened.bridge_rows.append(row)
@@ -196,57 +185,33 @@ class Director:
         if not self.board.quiet:
             self._world.saw(line.row)
 
-    def _look_for_conditions(self, when_ns: int) -> None:
-        for number in sorted(self._waiting):
-            step = self.scenario.steps[number]
-            if self._names[number] <= self._now.keys() and holds_now(step.when or "", self._now):
-                self._waiting.discard(number)
-                self._at(when_ns + step.after, partial(self._strike, number))
+    # The script's executor
 
-    # Faults
-
-    def _strike(self, number: int) -> None:
-        now_ns, step = self._clock(), self.scenario.steps[number]
-        active = self.board.strike(number, now_ns)
-        self._note_faults(now_ns, f"fault: {step.fault} begins")
-        self._begin(number, active, now_ns)
-        if step.for_ is not None:
-            self._at(now_ns + step.for_, partial(self._finish, number))
-        elif fault_kind(step.fault).instant:
-            # An instant is over at once; its mark stays for a millisecond, so that expectations can see it.
-            self._at(now_ns + MS, partial(self._finish, number))
-        if step.every is not None:
-            self._at((step.at or 0) + active.strikes * step.every, partial(self._strike, number))
-
-    def _finish(self, number: int) -> None:
-        now_ns = self._clock()
-        active = self.board.end(number)
-        self._note_faults(now_ns, f"fault: {active.step.fault} ends")
-        self._end(number, active, now_ns)
-
-    def _note_faults(self, now_ns: int, text: str) -> None:
-        signals = self.board.signals()
+    def tell(self, now_ns: int, signals: Mapping[str, bool], text: str) -> None:
+        """Faults under way, as signals and in words."""
         self._now.update(signals)
         self.happened.fault_signals.append((now_ns, dict(signals)))
-        self.happened.events.append((now_ns + self.happened.start_ns, text))
+        self.happened.events.append((now_ns + self._clock.start_ns, text))
 
-    def _begin(self, number: int, active: Active, now_ns: int) -> None:
+    def begin(self, number: int, active: Active, now_ns: int) -> None:
+        """Hand a fault to whoever carries it out: a signal, the wire, the third node, the device, the bridge's process."""
         fault = active.step.fault
         if fault in AWAY:
             self._send_away(number, active, now_ns)
         elif self._wire is not None and self._wire.can(active):
             self._wire.begin(active)
-        elif fault in intruder.FAULTS:
+        elif fault in INTRUDER_FAULTS:
             assert self._intruder is not None
             self._intruder.begin(active, time.monotonic_ns())
         elif fault.startswith("device."):
             self._world.change(active)
         elif _within_the_bridge(active):
-            self._life.order(("strike", number, now_ns))
+            self._life.order(("inject", number, now_ns))
         if fault in PUSHING:
             self._push()
 
-    def _end(self, number: int, active: Active, now_ns: int) -> None:
+    def end(self, number: int, active: Active, now_ns: int) -> None:
+        """Tell the same one that it is over."""
         fault = active.step.fault
         if number in self._still_from:
             if fault == "bridge.hang":
@@ -254,7 +219,7 @@ class Director:
             self._count_missing(number, self._still_from.pop(number), now_ns)
         elif self._wire is not None and self._wire.can(active):
             self._wire.end(active)
-        elif fault in intruder.FAULTS:
+        elif fault in INTRUDER_FAULTS:
             assert self._intruder is not None
             self._intruder.end(active)
         elif fault.startswith("device."):
@@ -287,16 +252,16 @@ class Director:
             self._effects_before = [active.effects for active in self.board.all]
             if fault == "bridge.restart":
                 self._life.start_again()
-                self._at(now_ns + round(active["down_ms"] * MS), self._come_back)
+                self._clock.at(now_ns + round(active["down_ms"] * MS), self._come_back)
 
     def _come_back(self) -> None:
-        strikes = tuple(
+        faults = tuple(
             (number, active.from_ns)
             for number, active in enumerate(self.board.all)
             if self.board.get(active.step.fault) is active and _within_the_bridge(active)
         )
-        if not self._life.go(self.happened.start_ns, strikes):  # a slow computer: as soon as it can
-            self._at(self._clock() + _SOON_NS, self._come_back)
+        if not self._life.go(self.happened.start_ns, faults):  # a slow computer: as soon as it can
+            self._clock.at(self._clock.now_ns() + _SOON_NS, self._come_back)
 
     def _count_missing(self, number: int, from_ns: int, until_ns: int) -> None:
         self._follow()
@@ -307,8 +272,8 @@ class Director:
         self._device.command(text)
 
     def _push(self) -> None:
-        if self._world.push(float(self._now.get("device.assist_nm", 0.0)), self._clock()):
-            self._at(self._clock() + _PUSH_NS, self._push)
+        if self._world.push(float(self._now.get("device.assist_nm", 0.0)), self._clock.now_ns()):
+            self._clock.at(self._clock.now_ns() + _PUSH_NS, self._push)
 
 
 def own_bus(scenario: Scenario, spec: BusSpec) -> BusSpec:
@@ -321,5 +286,5 @@ def own_bus(scenario: Scenario, spec: BusSpec) -> BusSpec:
 def _within_the_bridge(active: Active) -> bool:
     """Whether the bridge's own process carries the fault out: sensors, the wearer before them, taps of its port."""
     fault = active.step.fault
-    elsewhere = fault in (*AWAY, *intruder.FAULTS, *OF_THE_WIRE, "wearer.opposing")
+    elsewhere = fault in (*AWAY, *INTRUDER_FAULTS, *WIRE_FAULTS, "wearer.opposing")
     return not elsewhere and not fault.startswith("device.")

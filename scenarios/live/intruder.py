@@ -7,15 +7,12 @@ from collections import deque
 
 from firmware_sim import frames as layout
 from firmware_sim.attachment import Attachment, Spec
+from hilbridge.limits import STOP_GAP_NS, STOP_REPEATS
 from scenarios.world.fault_board import Active
 from scenarios.world.forger import Forger
 
-MS = 1_000_000
 _REMEMBERED = 4096
-_STOP_REPEATS = 3
-_STOP_GAP_NS = 10 * MS
 _SENT_BY_BRIDGE = (0x060, 0x061, 0x120, 0x180, 0x182, 0x300)
-FAULTS = ("bus.babble", "bus.replay", "bus.forge", "bus.stop")
 
 
 class LiveIntruder:
@@ -36,11 +33,11 @@ class LiveIntruder:
         return self._bus.dropped
 
     def begin(self, active: Active, now_ns: int) -> None:
-        """bus.babble, bus.replay, bus.forge, bus.stop."""
+        """One of `vocabulary.INTRUDER_FAULTS`."""
         match active.step.fault:
             case "bus.stop":
-                for repeat in range(_STOP_REPEATS):
-                    self._at(now_ns + repeat * _STOP_GAP_NS, active, (layout.STOP, b""))
+                for repeat in range(STOP_REPEATS):
+                    self._at(now_ns + repeat * STOP_GAP_NS, active, (layout.STOP, b""))
             case "bus.babble":
                 self._babbling.append((active, now_ns))
             case "bus.forge":

@@ -9,9 +9,10 @@ from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.port.spec import BusSpec, parse_spec
 from hilbridge.errors import InputError
 from scenarios.format.schema import BusPart, DevicePart, Scenario, Session
+from scenarios.format.vocabulary import WIRE_FAULTS
 
 # A wire that can be broken or full: the simulated bus's own. A kernel's vcan has none.
-_OF_THE_WIRE = ("bus.cut", "bus.bus_off", "bus.babble")
+_NEED_A_WIRE = (*WIRE_FAULTS, "bus.babble")
 
 
 class Impossible(NamedTuple):
@@ -26,7 +27,7 @@ def impossible_live(scenario: Scenario, spec: BusSpec) -> Impossible | None:
     simulated = spec.interface == "hilsim"
     for number, step in enumerate(scenario.steps):
         where = ("steps", number, "fault")
-        if step.fault in _OF_THE_WIRE and not simulated:
+        if step.fault in _NEED_A_WIRE and not simulated:
             return Impossible(
                 where, f"`{step.fault}` needs a wire that can be broken or full, {spec} has none; {_HILSIM}"
             )

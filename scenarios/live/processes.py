@@ -22,8 +22,8 @@ from typing import Any, BinaryIO
 
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
-from scenarios.live import bridge
-from scenarios.live.bridge import Job, Order
+from scenarios.live.bridge import process
+from scenarios.live.bridge.process import Job, Order
 
 START_S = 240.0  # with the imports of the server, on a processor that is slow and busy
 _END_S = 10.0
@@ -31,7 +31,7 @@ _PR_SET_PDEATHSIG = 1
 LOG_CYCLE_MS = 5
 
 _fork = multiprocessing.get_context("forkserver")
-_fork.set_forkserver_preload(["scenarios.live.warm"])
+_fork.set_forkserver_preload(["scenarios.live.bridge.warm"])
 
 
 class Lines:
@@ -194,7 +194,7 @@ def _die_with_parent() -> None:
 
 def _bridge(job: Job, orders: Connection) -> None:
     _die_with_parent()
-    bridge.main(job, orders)
+    process.main(job, orders)
 
 
 def _device(words: list[str], commands: Connection, said: Path) -> None:

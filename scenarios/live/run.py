@@ -10,13 +10,14 @@ from pathlib import Path
 
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
+from hilbridge.limits import MS
 from hilbridge.observe.recording import Recording
 from hilbridge.rows import CountersRow, DeviceRow, EventRow, MetaRow, Row
 from scenarios.format.schema import Expectation, Scenario
-from scenarios.live.bridge_log import put_bridge
-from scenarios.live.device_log import assist_figures, device_columns
 from scenarios.live.director import Director
-from scenarios.live.happened import Happened
+from scenarios.live.logs.bridge import put_bridge
+from scenarios.live.logs.device import assist_figures, device_columns
+from scenarios.live.logs.happened import Happened
 from scenarios.signals.trace import Trace
 from scenarios.signals.tracks import Tracks
 from scenarios.verdict.figures import figures_of_ticks, zero_after_fault_ms
@@ -24,9 +25,8 @@ from scenarios.verdict.judging import FaultCount, Judgement, Result, judged
 from scenarios.verdict.outcome import Run, initial_values, meta_row, with_derived
 from scenarios.verdict.safety import safety_expectations
 
-MS = 1_000_000
 # A live tick may be up to 40 ms late before the bridge itself holds for it, and a live process has 10 ms of margin
-# (PROTOCOL.md); the device's own deadlines are judged on its own clock and need none.
+# (docs/protocol.md); the device's own deadlines are judged on its own clock and need none.
 LIVE_MARGIN_MS = {"zero_after_fault_ms": 50.0}
 
 
@@ -87,7 +87,8 @@ def live_trace(scenario: Scenario, happened: Happened) -> Trace:
     put_bridge(tracks, happened.ticks, happened.away)
     trace = tracks.trace(scenario.duration / MS, initial_values(scenario))
     columns = device_columns(happened.device_lines, happened.start_ns, trace.length)
-    return with_derived(Trace(trace.step_ms, trace.length, {**trace.values, **columns}))
+    silent = trace.silent - columns.keys()
+    return with_derived(Trace(trace.step_ms, trace.length, {**trace.values, **columns}, silent))
 
 
 def last_counters(happened: Happened) -> dict[str, int]:

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from firmware_sim.memory import COUNT_TRIPS
+from hilbridge.limits import MS
 from hilbridge.observe.recording import Recording
 from hilbridge.rows import CountersRow
 from scenarios.format.schema import Scenario
@@ -17,8 +18,6 @@ from scenarios.verdict.figures import figures_of_ticks, zero_after_fault_ms
 from scenarios.verdict.judging import FaultCount, Result, judged
 from scenarios.verdict.outcome import Run, initial_values, meta_row, with_derived
 from scenarios.verdict.safety import safety_expectations
-
-MS = 1_000_000
 
 
 def run_scenario(
@@ -55,13 +54,13 @@ def judge_world(world: Lockstep, cpu_s: float, where: str) -> Run:
     """Signals, figures and verdicts of a finished run."""
     scenario = world.scenario
     seconds = scenario.duration / 1e9
-    trace = with_derived(world.tracks.trace(scenario.duration / MS, initial_values(scenario)))
-    counters = world.device.state.counters
+    trace = with_derived(world.log.tracks.trace(scenario.duration / MS, initial_values(scenario)))
+    counters = world.device_side.device.state.counters
     figures = {
         **figures_of_ticks(world.bridge.ticks),
-        "assist_s": world.probe.assist_ms / 1000.0,
-        "assist_energy_j": world.probe.energy_j,
-        "max_assist_nm": world.device.peak_assist_unm * 1e-6,
+        "assist_s": world.device_side.probe.assist_ms / 1000.0,
+        "assist_energy_j": world.device_side.probe.energy_j,
+        "max_assist_nm": world.device_side.device.peak_assist_unm * 1e-6,
         "zero_after_fault_ms": zero_after_fault_ms(trace),
         "trips": float(counters[COUNT_TRIPS]),
         "frames_rejected": float(sum(counters[1:21])),

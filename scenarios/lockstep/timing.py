@@ -46,13 +46,13 @@ def profiled(world: Lockstep) -> Profile:
     def put(owner: Any, name: str, part: str) -> None:
         setattr(owner, name, profile.timed(part, getattr(owner, name)))
 
-    put(world, "tick_device", "controller, actuator and arm")
-    put(world.probe, "look", "signals of the device")
-    put(world.network, "pump", "bit-level bus")
+    put(world.device_side, "tick_device", "controller, actuator and arm")
+    put(world.device_side.probe, "look", "signals of the device")
+    put(world.bus.network, "pump", "bit-level bus")
     put(world.body, "frame", "wearer: rendered pictures")
     put(world.body, "gaze", "wearer: gaze")
     put(world.body, "hands", "wearer: hands")
-    put(side, "_see", "features")
+    put(side.senses, "see", "features")
     put(side.predictor, "step", "predictor")
     put(side.node, "tick", "gate and protocol")
     put(side.node, "receive", "bridge's codec, receiving")

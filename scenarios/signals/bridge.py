@@ -21,16 +21,17 @@ BRIDGE_AT_REST: dict[str, Value] = {**_ABSENT, "gate.reason": "none", "wearer.in
 
 def bridge_signals(row: TickRow) -> dict[str, Value]:
     """What a tick's row says."""
-    return {
+    signals: dict[str, Value] = {
         "gate.act": row.action is Action.ACT,
         "gate.verb": str(row.verb),
         "gate.reason": str(row.reason),
         "gate.confidence": row.confidence,
-        "gate.right": row.right is True,
         "bridge.armed": row.armed,
         "bridge.sensing_age_ms": UNKNOWN_AGE_MS if row.sensing_age_ms is None else row.sensing_age_ms,
-        "wearer.intended": str(row.truth),
     }
+    if row.truth_known:
+        signals |= {"gate.right": row.right is True, "wearer.intended": str(row.truth)}
+    return signals
 
 
 def absent_bridge(why: str) -> dict[str, Value]:

@@ -6,12 +6,16 @@ part of their window that the trace has; robustness of `x >= c` is x - c; of a w
     always (gate.act -> device.armed)
     always (rise(fault.gaze) -> eventually[0, 150 ms] device.assist_nm == 0)
     device.state == Follow until[0, 5 s] device.state == Ready
+    always gate.verb != "Turn on"
+
+A word that is not one plain name stands in double quotes. A length of time has its unit, 0 may go without.
 """
 
 from __future__ import annotations
 
 import functools
 import math
+from collections.abc import Container
 from dataclasses import dataclass
 
 import lark
@@ -40,17 +44,21 @@ _GRAMMAR = r"""
       | comparison
 ?comparison: value OPERATOR value -> compare
           | NAME -> holds
-?value: NAME | NUMBER | "abs" "(" NAME ")" -> absolute
+?value: NAME | NUMBER | STRING | "abs" "(" NAME ")" -> absolute
 window: ["[" time "," time "]"]
 time: NUMBER [UNIT]
 UNIT: "ms" | "s"
 OPERATOR: ">=" | "<=" | "==" | "!=" | ">" | "<"
+STRING: /"[^"]*"/
 NAME: /[A-Za-z_][A-Za-z0-9_.\/]*/
 NUMBER: /[-+]?\d+(\.\d+)?([eE][-+]?\d+)?/
 %ignore /\s+/
 """
 
 Robustness = NDArray[np.float64]
+Node = lark.Tree[lark.Token]
+_LONGEST_TEXT, _DEEPEST = 2_000, 40
+_LONGEST_MS = 1e9
 
 
 class FormulaError(ValueError):
@@ -59,10 +67,14 @@ class FormulaError(ValueError):
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """`robustness` > 0 holds, < 0 is violated; `at_ms` is where an outermost `always` came nearest to failing."""
+    """`robustness` > 0 holds, < 0 is violated; `at_ms` is where an outermost `always` came nearest to failing.
+
+    idle_premises: how many implications have a premise that held at no time, so that they were never put to the test.
+    """
 
     robustness: float
     at_ms: float
+    idle_premises: int = 0
 
     @property
     def holds(self) -> bool:
@@ -76,9 +88,11 @@ def _parser() -> lark.Lark:
 
 @functools.lru_cache(maxsize=1024)
 def parse(text: str) -> lark.Tree[lark.Token]:
-    """Read a formula. Raises FormulaError with a mark under the place that could not be read."""
+    """Read a formula. Raises FormulaError that says where it could not be read."""
+    if len(text) > _LONGEST_TEXT:
+        raise FormulaError(f"a formula of {len(text)} characters; at most {_LONGEST_TEXT} are read")
     try:
-        return _parser().parse(text)
+        tree = _parser().parse(text)
     except lark.exceptions.UnexpectedInput as error:
         token = getattr(error, "token", None)
         at_end = token is not None and token.type == "$END"
@@ -86,16 +100,40 @@ def parse(text: str) -> lark.Tree[lark.Token]:
         raise FormulaError(
             f"cannot read `{text}` at {where}; see docs/scenarios.md for what a formula may say"
         ) from None
+    if _depth(tree) > _DEEPEST:
+        raise FormulaError(f"a formula nested {_depth(tree)} deep; at most {_DEEPEST} are read")
+    for window in tree.find_data("window"):
+        _milliseconds(window)
+    return tree
+
+
+def _depth(tree: Node) -> int:
+    depth, level = 0, [tree]
+    while level:
+        depth += 1
+        level = [child for node in level for child in node.children if isinstance(child, lark.Tree)]
+    return depth
+
+
+def is_signal(side: object, known: Container[str] | None = None) -> bool:
+    """Whether this side of a comparison is a name; with `known`, the name of one of these signals."""
+    is_name = isinstance(side, lark.Token) and side.type == "NAME"
+    return is_name and (known is None or str(side) in known)
+
+
+def unquoted(side: object) -> str:
+    """A word as it was meant: without its quotes."""
+    return str(side).strip('"')
 
 
 def signal_names(text: str) -> set[str]:
-    """Names in a formula that stand where a signal must (the left side of a comparison, or alone)."""
+    """Every signal in a formula: names that stand alone or on the left of a comparison, and names with a dot."""
     names = set()
     for tree in parse(text).iter_subtrees():
         if tree.data in ("compare", "holds", "absolute"):
-            first = tree.children[0]
-            if isinstance(first, lark.Token) and first.type == "NAME":
-                names.add(str(first))
+            for place, side in enumerate(tree.children):
+                if is_signal(side) and (place == 0 or "." in str(side)):
+                    names.add(str(side))
     return names
 
 
@@ -105,15 +143,16 @@ def judge(text: str, trace: Trace) -> Verdict:
     Raises FormulaError, or signals.UnknownSignal for a name that the trace does not have.
     """
     tree = parse(text)
+    idle = sum(not (_evaluate(node.children[0], trace) >= 0.0).any() for node in tree.find_data("implies"))
     if tree.data == "always":
         inside = _evaluate(tree.children[1], trace)
         low, high = _window(tree.children[0], trace)
         part = inside[low : None if high is None else high + 1]
         if not len(part):
-            return Verdict(math.inf, 0.0)
+            return Verdict(math.inf, 0.0, idle)
         worst = int(np.argmin(part))
-        return Verdict(float(part[worst]), (low + worst) * trace.step_ms)
-    return Verdict(float(_evaluate(tree, trace)[0]), 0.0)
+        return Verdict(float(part[worst]), (low + worst) * trace.step_ms, idle)
+    return Verdict(float(_evaluate(tree, trace)[0]), 0.0, idle)
 
 
 def first_ms(text: str, trace: Trace) -> float | None:
@@ -184,7 +223,8 @@ def _words(left: object, right: object, trace: Trace) -> NDArray[np.bool_] | Non
     if isinstance(left, lark.Token) and left.type == "NAME":
         values = trace[str(left)]
         if values.dtype == object:
-            return np.asarray(values == str(right), dtype=np.bool_)
+            other = trace[str(right)] if is_signal(right, trace.values) else unquoted(right)
+            return np.asarray(values == other, dtype=np.bool_)
     return None
 
 
@@ -210,17 +250,29 @@ def _window(node: lark.Tree[lark.Token] | lark.Token, trace: Trace) -> tuple[int
     assert isinstance(node, lark.Tree)
     if node.children[0] is None:
         return 0, None
-    low, high = (_steps(child, trace) for child in node.children)
-    if not 0 <= low <= high:
-        raise FormulaError(f"window [{low * trace.step_ms:g} ms, {high * trace.step_ms:g} ms] ends before it begins")
+    low, high = _milliseconds(node)
+    return round(low / trace.step_ms), round(high / trace.step_ms)
+
+
+def _milliseconds(window: Node) -> tuple[float, float]:
+    """Begin and end of a window; (0, inf) of one that is not written."""
+    if window.children[0] is None:
+        return 0.0, math.inf
+    low, high = map(_time_ms, window.children)
+    if not 0.0 <= low <= high <= _LONGEST_MS:
+        raise FormulaError(f"window [{low:g} ms, {high:g} ms]: has to begin at 0 or later and end after it begins")
     return low, high
 
 
-def _steps(node: lark.Tree[lark.Token] | lark.Token, trace: Trace) -> int:
+def _time_ms(node: Node | lark.Token) -> float:
     assert isinstance(node, lark.Tree)
     number, unit = node.children
-    milliseconds = float(str(number)) * (1.0 if unit is not None and str(unit) == "ms" else 1000.0)
-    return round(milliseconds / trace.step_ms)
+    value = float(str(number))
+    if unit is None:
+        if value != 0.0:
+            raise FormulaError(f"`{number}` has no unit; write `{number} ms` or `{number} s`")
+        return 0.0
+    return value * (1.0 if str(unit) == "ms" else 1000.0)
 
 
 def _over_window(inside: Robustness, window: tuple[int, int | None], name: str) -> Robustness:

@@ -24,6 +24,7 @@ class Trace:
     step_ms: float
     length: int
     values: Mapping[str, NDArray[np.float64] | NDArray[np.object_]]
+    silent: frozenset[str] = frozenset()  # signals that never had a value but their initial one
 
     def __getitem__(self, name: str) -> NDArray[np.float64] | NDArray[np.object_]:
         try:
@@ -53,7 +54,8 @@ def sample_and_hold(
         steps = np.ceil(np.array([time_ms for time_ms, _ in rows]) / step_ms - 1e-9)
         index = np.searchsorted(steps, np.arange(length), side="right")
         values[name] = _column(column)[index]
-    return Trace(step_ms, length, values)
+    silent = frozenset(name for name in values if not events.get(name))
+    return Trace(step_ms, length, values, silent)
 
 
 def _column(values: Iterable[float | str | bool]) -> NDArray[np.float64] | NDArray[np.object_]:

@@ -27,7 +27,7 @@ def figures_of_ticks(ticks: Sequence[TickRow]) -> dict[str, float]:
 
 
 def zero_after_fault_ms(trace: Trace) -> float:
-    """The longest time from a fault's begin under assist until assist is exactly zero; 0 where none struck then."""
+    """The longest time from a fault's begin under assist until assist is exactly zero; 0 where none began then."""
     zero = np.asarray(trace["device.assist_zero"], np.float64) != 0.0
     faults = [name for name in trace.values if name.startswith("fault.") and name != "fault.any"]
     longest = 0.0

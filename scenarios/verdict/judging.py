@@ -8,7 +8,7 @@ from typing import Any
 
 from hilbridge.errors import InputError
 from scenarios.format.schema import Expectation
-from scenarios.signals.stl import FormulaError, judge
+from scenarios.signals.stl import FormulaError, judge, signal_names
 from scenarios.signals.trace import Trace, UnknownSignal
 
 
@@ -23,14 +23,20 @@ class Judgement:
     at_ms: float | None
     value: float | None = None
     safety: bool = False
+    vacuous: bool = False
+
+    @property
+    def is_vacuous_pass(self) -> bool:
+        """It holds, and an implication in it was never put to the test."""
+        return self.holds and self.vacuous
 
 
 @dataclass(frozen=True, slots=True)
 class FaultCount:
-    """One step: how often it struck, and how often that took effect."""
+    """One step: how often it was injected, and how often that took effect."""
 
     fault: str
-    strikes: int
+    injections: int
     effects: int
 
     @property
@@ -67,12 +73,13 @@ class Result:
     def problems(self) -> list[str]:
         """One line for each thing that failed."""
         lines = [
-            f"{j.name or j.text}: {'margin' if j.value is None else 'value'} "
-            f"{j.margin if j.value is None else j.value:.3g}" + ("" if j.at_ms is None else f" at {j.at_ms:.0f} ms")
+            f"{j.name or j.text}: {_found(j)}" + ("" if j.at_ms is None else f" at {j.at_ms:.0f} ms")
             for j in self.judgements
             if not j.holds
         ]
-        return lines + [f"fault {f.fault} never took effect ({f.strikes} strikes)" for f in self.faults if not f.worked]
+        return lines + [
+            f"fault {f.fault} never took effect ({f.injections} injections)" for f in self.faults if not f.worked
+        ]
 
     def as_json(self) -> dict[str, Any]:
         """For machines: infinities and NaN as null."""
@@ -80,6 +87,12 @@ class Result:
         row["passed"], row["robustness"] = self.passed, self.robustness
         clean: dict[str, Any] = _finite(row)
         return clean
+
+
+def _found(judgement: Judgement) -> str:
+    if judgement.value is None:
+        return f"margin {judgement.margin:.3g}"
+    return "n/a" if math.isnan(judgement.value) else f"value {judgement.value:.3g}"
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,6 +121,11 @@ def judged(
     return tuple(_judge_one(expectation, trace, figures, safety, where) for expectation in expectations)
 
 
+def _speaks_at_rest(name: str) -> bool:
+    """Whether a signal's initial value says something: no fault yet, nothing accepted yet."""
+    return name.startswith("fault.") or name.endswith("_age_ms")
+
+
 def _judge_one(
     expectation: Expectation, trace: Trace, figures: dict[str, float], safety: bool, where: str
 ) -> Judgement:
@@ -116,8 +134,20 @@ def _judge_one(
             verdict = judge(expectation.that, trace)
         except (UnknownSignal, FormulaError) as error:
             raise InputError(f"{where}: expectation `{expectation.that}`: {error}") from None
-        name = expectation.name or expectation.that
-        return Judgement(name, expectation.that, verdict.holds, verdict.robustness, verdict.at_ms, None, safety)
+        unheard = sorted(name for name in signal_names(expectation.that) & trace.silent if not _speaks_at_rest(name))
+        if unheard:
+            raise InputError(
+                f"{where}: expectation `{expectation.that}`: {', '.join(unheard)} never had a value in this run"
+            )
+        return Judgement(
+            expectation.name or expectation.that,
+            expectation.that,
+            verdict.holds,
+            verdict.robustness,
+            verdict.at_ms,
+            safety=safety,
+            vacuous=verdict.idle_premises > 0,
+        )
     assert expectation.figure is not None
     value = figures[expectation.figure]
     margins = []

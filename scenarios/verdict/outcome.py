@@ -11,7 +11,7 @@ from scenarios.signals.device import DEVICE_AT_REST
 from scenarios.signals.trace import Trace
 from scenarios.verdict.figures import assist_rise_nm_s
 from scenarios.verdict.judging import Result
-from scenarios.world.intent import gate_config
+from scenarios.world.parts import parts_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,7 +26,7 @@ class Run:
 
 def meta_row(scenario: Scenario, bus: str | None = None, start_ns: int | None = None) -> MetaRow:
     """Which scenario a recording is of; a live one names its bus, and its time 0 on the monotonic clock."""
-    gate = gate_config(scenario.gate)
+    gate = parts_of(scenario).gate
     return MetaRow(
         0,
         bus=bus,
@@ -47,4 +47,4 @@ def initial_values(scenario: Scenario) -> dict[str, float | str | bool]:
 def with_derived(trace: Trace) -> Trace:
     """Signals that follow from others."""
     values = {**trace.values, "device.assist_rise_nm_s": assist_rise_nm_s(trace)}
-    return Trace(trace.step_ms, trace.length, values)
+    return Trace(trace.step_ms, trace.length, values, trace.silent)

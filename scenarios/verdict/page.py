@@ -11,10 +11,10 @@ import markupsafe
 import numpy as np
 
 from hilbridge.observe.report import STATE_COLOURS, as_svg
-from scenarios.format.schema import dump_scenario
+from scenarios.format.files import dump_scenario
 from scenarios.signals.trace import Trace
 from scenarios.verdict.outcome import Run
-from scenarios.world.intent import gate_config
+from scenarios.world.parts import parts_of
 
 _PALETTE = ("#d1495b", "#e76f51", "#b8a1d9", "#457b9d", "#6c757d", "#bc6c25")
 
@@ -46,7 +46,7 @@ def _timeline(run: Run) -> str:
     figure, (confidence, gate, device, torque, fault) = plt.subplots(
         5, 1, figsize=(11, 8), sharex=True, height_ratios=[3, 0.8, 0.8, 2.2, 1.4], layout="constrained"
     )
-    gates = gate_config(run.scenario.gate)
+    gates = parts_of(run.scenario).gate
     confidence.plot(seconds, trace["gate.confidence"], color="#1d3557", lw=1.2, label="smoothed confidence")
     confidence.axhline(gates.tau_on, color="#d1495b", lw=1, label=f"tau_on = {gates.tau_on:.2f}")
     confidence.axhline(gates.tau_off, color="#d1495b", lw=1, ls=":", label=f"tau_off = {gates.tau_off:.2f}")

@@ -11,13 +11,13 @@ FOREVER_NS = 1 << 62
 
 @dataclass(slots=True, eq=False)  # two steps may be the same fault
 class Active:
-    """One step of the scenario while it is under way; `effects` counts what it really did, over all its strikes."""
+    """One step of the scenario while it is under way; `effects` counts what it really did, over all its injections."""
 
     step: Step
     from_ns: int = 0
     until_ns: int = FOREVER_NS
     effects: int = 0
-    strikes: int = 0
+    injections: int = 0
 
     def took_effect(self, times: int = 1) -> None:
         """Count what the fault did."""
@@ -34,21 +34,21 @@ class FaultBoard:
     steps: tuple[Step, ...]
     all: list[Active] = field(init=False)
     quiet: bool = field(init=False, default=True)  # nothing is under way: the usual case, asked for first
-    # Tuples, replaced and never changed: live, sensor threads ask while another one strikes.
+    # Tuples, replaced and never changed: live, sensor threads ask while the loop injects.
     _under_way: dict[str, tuple[Active, ...]] = field(init=False, default_factory=dict)
 
     def __post_init__(self) -> None:
         self.all = [Active(step) for step in self.steps]
 
     def get(self, fault: str) -> Active | None:
-        """The youngest strike of that fault under way, or None."""
+        """The fault of that name under way that was injected last, or None."""
         found = self._under_way.get(fault)
         return found[-1] if found else None
 
-    def strike(self, number: int, now_ns: int) -> Active:
+    def inject(self, number: int, now_ns: int) -> Active:
         """Begin step `number`; its end is the caller's to schedule."""
         active = self.all[number]
-        active.strikes += 1
+        active.injections += 1
         active.from_ns = now_ns
         active.until_ns = FOREVER_NS if active.step.for_ is None else now_ns + active.step.for_
         self._under_way[active.step.fault] = (*self._under_way.get(active.step.fault, ()), active)
@@ -74,5 +74,5 @@ class FaultBoard:
         return {**named, "fault.any": bool(self._under_way)}
 
     def effects(self) -> list[tuple[str, int, int]]:
-        """(fault, strikes, effects) of every step, in the order of the file."""
-        return [(active.step.fault, active.strikes, active.effects) for active in self.all]
+        """(fault, injections, effects) of every step, in the order of the file."""
+        return [(active.step.fault, active.injections, active.effects) for active in self.all]

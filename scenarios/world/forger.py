@@ -4,20 +4,14 @@ from __future__ import annotations
 
 import random
 from collections.abc import Mapping
-from typing import TYPE_CHECKING
 
 from firmware_sim import frames as layout
 from hilbridge.records import Frame
 from hilbridge.verbs import VERBS
-from hilbridge.wire.codec import Codec, Decoded
+from hilbridge.wire.codec import Decoded
 from hilbridge.wire.dbc import Value
 from hilbridge.wire.e2e import protect
-
-if TYPE_CHECKING:
-    pass
-
-
-_CODEC = Codec()
+from scenarios.world.parts import codec
 
 _VERB = VERBS[0]
 
@@ -36,7 +30,7 @@ class Forger:
             return
         if can_id == layout.CTRL_STATUS:
             self._echo = data[2]
-            decoded = _CODEC.decode(Frame(can_id, data))
+            decoded = codec().decode(Frame(can_id, data))
             if isinstance(decoded, Decoded):
                 self._session = int(decoded.signals["Session"])
         elif can_id in (layout.ACT_CMD, layout.ACT_AUTH):
@@ -56,7 +50,7 @@ class Forger:
         return [self._made("ACT_CMD", command), self._made("ACT_AUTH", authorisation)]
 
     def _made(self, message: str, signals: Mapping[str, Value]) -> tuple[int, bytes]:
-        layout_of = _CODEC.messages[message]
+        layout_of = codec().messages[message]
         assert layout_of.data_id is not None
         counter = self._counters[message] = (self._counters[message] + 1) & 0xFF
-        return layout_of.can_id, protect(_CODEC.encode(message, signals), layout_of.data_id, counter)
+        return layout_of.can_id, protect(codec().encode(message, signals), layout_of.data_id, counter)

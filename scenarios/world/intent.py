@@ -2,29 +2,15 @@
 
 from __future__ import annotations
 
-from functools import cache
-from typing import TYPE_CHECKING
-
-from hilbridge.core.gate import GateConfig
-from hilbridge.errors import InputError
-from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
 from hilbridge.intent.predictor import Predictor
 from hilbridge.records import FeatureVector, IntentEstimate
 from hilbridge.runtime.node import Predicts
 from hilbridge.verbs import VERBS
-from scenarios.format.schema import Estimate, GatePart, Scenario, Session
+from scenarios.format.schema import Estimate, Scenario, Session
+from scenarios.world.parts import bundle
 from scenarios.world.recorded import Replayed
 
-if TYPE_CHECKING:
-    pass
-
 NOTHING = 1.0 / len(VERBS)
-
-
-@cache
-def bundle() -> Bundle:
-    """The bundle that ships, read once."""
-    return load_bundle(demo_bundle_path())
 
 
 class Scripted:
@@ -55,14 +41,3 @@ def make_predictor(scenario: Scenario, start_ns: int = 0) -> Predicts:
     if isinstance(scenario.intent, Session) and scenario.intent.recording is not None:
         return Replayed(scenario.intent, scenario.duration, bundle().bundle_id, start_ns)
     return Predictor(bundle())
-
-
-def gate_config(gate: GatePart) -> GateConfig:
-    """Thresholds of the scenario over those of the bundle. Raises InputError."""
-    thresholds = bundle().thresholds
-    tau_on = thresholds.tau_on if gate.tau_on is None else gate.tau_on
-    tau_off = min(thresholds.tau_off, tau_on - 0.05) if gate.tau_off is None else gate.tau_off
-    try:
-        return GateConfig(tau_on=tau_on, tau_off=tau_off, alpha=gate.alpha, refractory_ns=gate.refractory)
-    except ValueError as error:
-        raise InputError(f"gate: {error}") from None

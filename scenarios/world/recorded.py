@@ -19,7 +19,7 @@ from hilbridge.errors import InputError
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import STEP_NS, drop_modality
 from hilbridge.features.packs import read_pack
-from hilbridge.observe.recording import read_recording
+from hilbridge.observe.reading import read_recording
 from hilbridge.records import (
     CameraFrame,
     FeatureVector,
@@ -31,6 +31,7 @@ from hilbridge.records import (
     StampSource,
 )
 from hilbridge.rows import TickRow
+from hilbridge.runtime.judge import Mind
 from hilbridge.sensors.gaze import open_gaze
 from hilbridge.sensors.hands import HandDetector
 from hilbridge.sensors.models import hand_model_path
@@ -39,15 +40,6 @@ from scenarios.format.schema import Scenario, Session
 
 _GREY = np.full((72, 96, 3), 128, np.uint8)
 _BLANK, _ONLY_GREY = np.zeros((72, 96), np.uint8), np.full((1, 3), 128, np.uint8)  # the same, drawn
-
-
-class Mind(Protocol):
-    """What is known of a wearer's intention at one moment (wearer.person.Truth, or nothing)."""
-
-    @property
-    def intended(self) -> int | None: ...
-
-    def is_right(self, verb_index: int) -> bool | None: ...
 
 
 class Person(Protocol):
@@ -59,22 +51,13 @@ class Person(Protocol):
 
     def hands(self, t_ns: int) -> HandTracks: ...
 
-    def truth(self, t_ns: int) -> Mind: ...
-
-
-class UnknownMind:
-    """Nobody wrote down what a recorded wearer was about to do."""
-
-    intended: int | None = None
-
-    def is_right(self, verb_index: int) -> bool | None:
-        """Not known."""
-        return None
+    def truth(self, t_ns: int) -> Mind | None: ...
 
 
 class _Recorded:
-    def truth(self, t_ns: int) -> Mind:
-        return UnknownMind()
+    def truth(self, t_ns: int) -> Mind | None:
+        """Nobody wrote down what a recorded wearer was about to do."""
+        return None
 
 
 class Unseen(_Recorded):

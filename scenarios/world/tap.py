@@ -17,7 +17,7 @@ _REMEMBERED = 4096
 
 
 class Tap:
-    """One node's way out. `side` is `bridge` or `device`; a stale queue strikes the bridge only."""
+    """One node's way out. `side` is `bridge` or `device`; a stale queue is the bridge's only."""
 
     def __init__(self, side: str, board: FaultBoard, seed: int) -> None:
         self.side = side
@@ -34,10 +34,10 @@ class Tap:
         if self._board.quiet and self._held is None:
             return [(now_ns, can_id, data)]
         drop, corrupt, stale, reorder, delay, duplicate = map(self._board.get, _KINDS)
-        if drop is not None and self._strikes(drop, can_id):
+        if drop is not None and self._hits(drop, can_id):
             self.lost += 1
             return []
-        if corrupt is not None and self._strikes(corrupt, can_id):
+        if corrupt is not None and self._hits(corrupt, can_id):
             data = self._flipped(data, round(corrupt["bits"]))
         if stale is not None and self.side == "bridge":
             if len(self._queue) < stale["frames"]:
@@ -47,15 +47,15 @@ class Tap:
                 self.lost += 1
             return []
         when_ns = now_ns
-        if delay is not None and self._strikes(delay, can_id):
+        if delay is not None and self._hits(delay, can_id):
             when_ns += round(delay["delay_ms"] * 1e6)
         outgoing = [(when_ns, can_id, data)]
-        if duplicate is not None and self._strikes(duplicate, can_id):
+        if duplicate is not None and self._hits(duplicate, can_id):
             outgoing.append((when_ns, can_id, data))
         if self._held is not None:
             held, self._held = self._held, None
             return [*outgoing, (now_ns, held[1], held[2])]
-        if reorder is not None and self._strikes(reorder, can_id):
+        if reorder is not None and self._hits(reorder, can_id):
             self._held = outgoing[0]
             return outgoing[1:]
         return outgoing
@@ -65,7 +65,7 @@ class Tap:
         queue, self._queue = self._queue, []
         return queue
 
-    def _strikes(self, active: Active, can_id: int) -> bool:
+    def _hits(self, active: Active, can_id: int) -> bool:
         wanted = active["can_id"]
         if wanted >= 0 and wanted != can_id:
             return False

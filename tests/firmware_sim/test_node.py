@@ -21,9 +21,9 @@ from firmware_sim.plant.actuator import LAG_S
 from firmware_sim.secoc import DEMO_KEY
 from firmware_sim.states import Reason, State
 from firmware_sim.torque import Torque
+from hilbridge.limits import MS
 
 requirement = pytest.mark.requirement
-MS = 1_000_000
 
 
 class FakeBus:
@@ -139,7 +139,7 @@ def test_the_log_has_every_change_and_every_20_ms(clock: Clock) -> None:
     lines = [json.loads(line) for line in log.getvalue().splitlines()]
     assert lines[0] == {"start_ns": 5_000_000_000}
     assert [line["t_ms"] for line in lines[1:]] == [1, 20, 40, 51, 60, 80, 100, 120, 140, 160, 180, 200]
-    assert lines[4]["state"] == "FOLLOW"
+    assert lines[4]["state"] == "Follow"
     assert {"assist_nm", "gravity_nm", "follow_nm", "accepted_ms", "reason"} <= set(lines[1])
 
 
@@ -200,7 +200,7 @@ def test_the_log_has_every_command_typed_when_stop_came_and_a_line_every_cycle_a
     assert len(states) >= 40
     stops = {row["stop_ms"] for row in states}
     assert len(stops) == 2
-    assert next(row for row in states if row["state"] == "ESTOP")["t_ms"] == max(stop for stop in stops if stop)
+    assert next(row for row in states if row["state"] == "EStop")["t_ms"] == max(stop for stop in stops if stop)
 
 
 @requirement("P12")
@@ -309,7 +309,7 @@ def test_main_runs_and_ends_with_a_summary(
     assert main(["--bus", "virtual:main-test", "--seconds", "0.1", "--json-log", str(log)]) == 0
     out = capsys.readouterr().out.splitlines()
     assert out[0] == "firmware-sim ready on virtual:main-test"
-    assert json.loads(out[1].removeprefix("firmware-sim done "))["state"] == "FOLLOW"
+    assert json.loads(out[1].removeprefix("firmware-sim done "))["state"] == "Follow"
     assert len(log.read_text().splitlines()) >= 6
 
 
@@ -340,7 +340,7 @@ def test_bad_input_is_one_line_and_exit_2(
 
 def cyclic(milliseconds: int) -> dict[int, list[tuple[int, bytes]]]:
     state, sent = ControllerState(DEMO_KEY, 0xABCD), {}
-    from firmware_sim.controller import step
+    from tests.safety.stepping import step
 
     for now_ms in range(1, milliseconds + 1):
         state, outputs = step(state, Inputs(), now_ms)

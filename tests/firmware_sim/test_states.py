@@ -5,14 +5,16 @@ from __future__ import annotations
 from itertools import product
 from pathlib import Path
 
+import cantools
 import pytest
 
 from firmware_sim import selftest
 from firmware_sim.diagram import diagram
-from firmware_sim.states import TABLE, Event, Reason, State, next_state
+from firmware_sim.states import TABLE, Event, Reason, State, next_state, wire_name
 
 requirement = pytest.mark.requirement
 DOCS = Path(__file__).parents[2] / "docs" / "controller-states.md"
+DBC = Path(__file__).parents[2] / "dbc" / "iassistadl.dbc"
 
 
 @requirement("S1")
@@ -101,3 +103,12 @@ def test_self_test_notices_a_broken_part(broken: str, monkeypatch: pytest.Monkey
     monkeypatch.setattr(selftest, broken, part)
     assert not selftest.passed()
     selftest.passed.cache_clear()
+
+
+@pytest.mark.parametrize(("signal", "members"), [("State", State), ("Reason", Reason)])
+def test_logs_use_the_words_of_the_dbc(signal: str, members: type[State] | type[Reason]) -> None:
+    status = cantools.database.load_file(DBC).get_message_by_name("CTRL_STATUS")
+    names = status.get_signal_by_name(signal).choices
+    assert {member.value: wire_name(member) for member in members} == {
+        value: str(name) for value, name in names.items()
+    }

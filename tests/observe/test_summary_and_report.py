@@ -8,37 +8,44 @@ from typing import Any
 
 import pytest
 
-from hilbridge.observe.recording import Recording, Row
+from hilbridge.observe.recording import Recording
 from hilbridge.observe.report import write_report
 from hilbridge.observe.summary import latency_of, percentile, summarise
+from hilbridge.records import Action, HoldReason
+from hilbridge.rows import CountersRow, DeviceRow, EventRow, MetaRow, Row, TickRow, Witness
 
 TICK = 40_000_000
 
 
-def tick(index: int, action: str, verb: str | None = None, truth: str | None = None, **more: Any) -> Row:
-    reason = "none" if action == "ACT" else "confidence"
+def tick(
+    index: int, verb: str | None = None, truth: str | None = None, reason: str = "confidence", **more: Any
+) -> TickRow:
+    action, why = (Action.HOLD, reason) if verb is None else (Action.ACT, "none")
     right = None if verb is None or truth is None else verb == truth
-    known = {"verb": verb, "truth": truth, "right": right}
-    row = {"action": action, "reason": reason, **known, "confidence": 0.5, "latency_ms": 30.0}
-    return Row("/tick", index * TICK, {**row, **more})
+    known = {"truth_known": truth is not None, "truth": truth, "right": right}
+    return TickRow(index * TICK, action, HoldReason(why), 0.5, verb, **{"latency_ms": 30.0, **known, **more})
+
+
+def device(time_ns: int, state: str, assist_nm: float) -> DeviceRow:
+    return DeviceRow(time_ns, Witness.BUS, state, "None", True, "None", assist_nm == 0.0, assist_nm, 0.1)
 
 
 def scripted() -> list[Row]:
     """HOLD, ACT right, ACT right, HOLD, ACT wrong, ACT unknown truth, HOLD for a named reason: six intervals."""
     return [
-        tick(0, "HOLD", truth="Take"),
-        tick(1, "ACT", "Take", "Take"),
-        tick(2, "ACT", "Take", "Take", latency_ms=50.0),
-        tick(3, "HOLD", truth="Take"),
-        tick(4, "ACT", "Put", "Take"),
-        tick(5, "ACT", "Put", None),
-        tick(6, "HOLD", reason="not_armed", latency_ms=None),
-        Row("/device", 0, {"state": "Ready", "assist_zero": True}),
-        Row("/device", 1 * TICK, {"state": "Assist", "assist_zero": False}),
-        Row("/device", 3 * TICK, {"state": "Ready", "assist_zero": True}),
-        Row("/device", 3 * TICK + 1, {"joint": 0, "assist_nm": 0.5, "gravity_nm": 0.1}),
-        Row("/counters", 0, {"frames_sent": 1}),
-        Row("/counters", 6 * TICK, {"frames_sent": 9, "frames_received": 8, "frames_lost": 1, "ticks_missed": 2}),
+        tick(0, truth="Take"),
+        tick(1, "Take", "Take"),
+        tick(2, "Take", "Take", latency_ms=50.0),
+        tick(3, truth="Take"),
+        tick(4, "Put", "Take"),
+        tick(5, "Put", None),
+        tick(6, reason="not_armed", latency_ms=None),
+        device(0, "Ready", 0.0),
+        device(1 * TICK, "Assist", 0.5),
+        device(3 * TICK, "Ready", 0.0),
+        device(3 * TICK + 1, "Ready", 0.0),
+        CountersRow(0, {"frames_sent": 1}),
+        CountersRow(6 * TICK, {"frames_sent": 9, "frames_received": 8, "frames_lost": 1, "ticks_missed": 2}),
     ]
 
 
@@ -51,8 +58,8 @@ def test_definitions() -> None:
     assert summary.false_assists_per_min == pytest.approx(1 / (0.24 / 60))
     assert summary.hold_reasons == {"confidence": 2, "not_armed": 1}
     assert summary.verbs_acted == {"Take": 2, "Put": 2}
-    assert summary.device_states == {"Ready": 2, "Assist": 1}
-    assert summary.assist_s == pytest.approx(0.08)
+    assert summary.device_states == {"Ready": 3, "Assist": 1}
+    assert summary.assist_s == pytest.approx(0.06)  # no row for 80 ms: believed for 60
     assert (summary.frames_sent, summary.frames_received, summary.frames_lost) == (9, 8, 1)
     assert (summary.ticks_missed, summary.latency_ms.p50, summary.latency_ms.max) == (2, 30.0, 50.0)
 
@@ -89,10 +96,10 @@ class _Checker(html.parser.HTMLParser):
 def test_the_page_says_what_happened_and_needs_no_network(tmp_path: Path) -> None:
     recording = tmp_path / "run.mcap"
     with Recording(recording) as out:
-        out.write("/meta", 0, {"title": "A <b>scripted</b> run", "tau_on": 0.8, "tau_off": 0.6})
-        out.write("/event", TICK, {"text": "gaze is gone"})
+        out.write(MetaRow(0, title="A <b>scripted</b> run", tau_on=0.8, tau_off=0.6))
+        out.write(EventRow(TICK, "gaze is gone"))
         for row in scripted():
-            out.write(row.topic, row.time_ns, row.data)
+            out.write(row)
     target = tmp_path / "deep" / "report.html"
     summary = write_report(recording, target)
     page = target.read_text(encoding="utf-8")
@@ -109,6 +116,6 @@ def test_the_page_says_what_happened_and_needs_no_network(tmp_path: Path) -> Non
 
 def test_a_recording_without_ticks_still_gives_a_page(tmp_path: Path) -> None:
     with Recording(tmp_path / "a.mcap") as out:
-        out.write("/meta", 0, {})
+        out.write(MetaRow(0))
     write_report(tmp_path / "a.mcap", tmp_path / "a.html")
     assert "it never held" in (tmp_path / "a.html").read_text(encoding="utf-8")

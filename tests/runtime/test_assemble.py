@@ -59,11 +59,11 @@ def test_a_virtual_bus_arms_by_itself(parts: Parts) -> None:
 
 
 def test_thresholds_of_the_configuration_win_but_must_make_a_band(parts: Parts) -> None:
-    ours = gate_config(Config(gate=GateSection(tau_on=0.95)), parts.bundle)
+    ours = gate_config(GateSection(tau_on=0.95), parts.bundle)
     assert (ours.tau_on, ours.tau_off) == (0.95, parts.bundle.thresholds.tau_off)
-    assert gate_config(Config(), parts.bundle).tau_on == parts.bundle.thresholds.tau_on
+    assert gate_config(GateSection(), parts.bundle).tau_on == parts.bundle.thresholds.tau_on
     with pytest.raises(InputError, match="set both tau_on and tau_off"):
-        gate_config(Config(gate=GateSection(tau_on=0.3)), parts.bundle)
+        gate_config(GateSection(tau_on=0.3), parts.bundle)
 
 
 def test_a_missing_bundle_is_one_line(tmp_path: Path) -> None:

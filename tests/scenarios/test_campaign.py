@@ -16,8 +16,9 @@ import pytest
 
 from hilbridge.errors import InputError
 from scenarios import campaign
-from scenarios.campaign import Outcome, Sample, base_scenario, run_campaign, run_sample, samples_of
+from scenarios.campaign import Outcome, Sample, base_scenario, run_campaign, run_sample, samples_of, scenario_for
 from scenarios.format.schema import Scenario
+from scenarios.lockstep.run import run_scenario
 
 MARK = "HILBRIDGE_TEST_DIES_ONCE"
 
@@ -44,7 +45,7 @@ def test_a_killed_worker_is_survived_and_every_sample_is_there_once(
     base = base_scenario()
     wanted = samples_of(base, 2, 1, ("bus.cut",))
     done: list[str] = []
-    outcomes = run_campaign(base, wanted, tmp_path, jobs=2, cluster=cluster, done=done.append)
+    outcomes = run_campaign(base, wanted, tmp_path, jobs=2, cluster=cluster, progress=done.append)
     assert (tmp_path / "killed").exists()
     assert sorted(outcome.sample.key for outcome in outcomes) == sorted(sample.key for sample in wanted)
     assert len(done) == len(wanted)
@@ -144,3 +145,13 @@ def test_a_cluster_that_cannot_be_had_is_one_line(
         run_campaign(base_scenario(), samples_of(base_scenario(), 1, 1, ("bus.cut",)), tmp_path, cluster=cluster)
     assert said in str(refused.value)
     assert "\n" not in str(refused.value)
+
+
+def test_campaign_samples_are_seeded_and_injected_in_the_named_gate_state() -> None:
+    base = base_scenario()
+    assert samples_of(base, 3, 7, ("bus.cut",)) == samples_of(base, 3, 7, ("bus.cut",))
+    assert samples_of(base, 3, 7, ("bus.cut",)) != samples_of(base, 3, 8, ("bus.cut",))
+    run = run_scenario(scenario_for(base, Sample("bus.cut", "turning to hold", 0.0, 400.0, 3000, 0)))
+    injected = run.trace["fault.bus.cut"].astype(bool)
+    assert run.trace["device.state"][injected][0] in ("RampDown", "Ready")
+    assert run_sample(base, Sample("bus.cut", "acting", 100.0, 400.0, 3000, 0)).safe

@@ -16,7 +16,7 @@ from typer.testing import CliRunner
 
 from scenarios import cli
 from scenarios.campaign import base_scenario
-from scenarios.format.schema import dump_scenario
+from scenarios.format.files import dump_scenario
 
 CATALOG = Path(__file__).parents[2] / "scenarios" / "catalog"
 

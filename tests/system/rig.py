@@ -22,7 +22,7 @@ from typing import Any
 
 SENSOR_FAULTS = ("gaze silent", "gaze gone", "camera frozen", "camera silent", "camera gone")
 PROCESS_FAULTS = ("SIGSTOP", "SIGKILL")
-LIMIT_MS = 150  # PROTOCOL: command lost -> zero assist, at every phase
+LIMIT_MS = 150  # docs/protocol.md: command lost -> zero assist, at every phase
 _PATIENCE_S = 60.0
 _START_S = 240.0  # with the imports of the server that forks, on a machine that is busy with something else
 

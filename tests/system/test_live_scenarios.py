@@ -16,8 +16,9 @@ from firmware_sim.attachment import Attachment
 from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.port.spec import BusSpec, parse_spec
 from hilbridge.errors import InputError
-from hilbridge.observe.recording import read_recording
-from scenarios.format.schema import Scenario, Session, dump_scenario, scenario_of
+from hilbridge.observe.reading import read_recording
+from scenarios.format.files import dump_scenario, scenario_of
+from scenarios.format.schema import Scenario, Session
 from scenarios.live.run import run_live
 from tests.scenarios.sessions import film
 
@@ -99,17 +100,17 @@ def test_a_bridge_that_is_started_again_finds_the_faults_that_are_still_under_wa
     rows = [(row.time_ns / 1e9, row.data) for row in read_recording(tmp_path / "run.mcap", ("/tick",))]
     between = [row for at_s, row in rows if 1.5 < at_s < 2.9]
     assert len(between) > 5  # another process ticks
-    assert {row["action"] for row in between} == {"HOLD"}
-    assert all(row["sensors"] for row in between)
-    assert any(row["action"] == "ACT" for at_s, row in rows if at_s > 3.0)
+    assert {row.action for row in between} == {"HOLD"}
+    assert all(row.sensor_problem for row in between)
+    assert any(row.action == "ACT" for at_s, row in rows if at_s > 3.0)
 
 
 def test_a_film_stands_before_live_sensors(tmp_path: Path) -> None:
     scenario = acting().model_copy(update={"intent": Session.model_validate(film(tmp_path))})
     run = run_live(scenario, bus("film"))
-    seen = [row["valid"] for row in run.ticks[10:]]
+    seen = [row.valid for row in run.ticks[10:]]
     assert seen.count([True, False, True]) > 0.7 * len(seen)  # gaze and scene; no hands, none were looked for
-    assert any(row["top_confidence"] for row in run.ticks)
+    assert any(row.top_confidence for row in run.ticks)
     assert [judgement.name for judgement in run.result.judgements if judgement.safety and not judgement.holds] == []
 
 

@@ -1,0 +1,63 @@
+"""The device's world in a live run: its faults and the wearer's arm, as commands typed to the device."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+from hilbridge.rows import DeviceRow
+from scenarios.world.arm import PUSHING, opposing, push_nm
+from scenarios.world.device_faults import BIAS, ENCODER, LAG, OVERRUN, acting, broken
+from scenarios.world.fault_board import Active, FaultBoard
+
+# fault -> the command that makes it; what counts is what the device has obeyed
+_COMMANDS = {ENCODER: "encoder", LAG: "lag", BIAS: "bias"}
+
+
+class DeviceWorld:
+    """Types commands by `command`, and counts what came of them by the device's own log."""
+
+    def __init__(self, board: FaultBoard, command: Callable[[str], None]) -> None:
+        self._board, self._command = board, command
+        self._obeyed: set[str] = set()
+        self._pushed_nm = 0.0
+
+    def change(self, active: Active) -> None:
+        """A device fault begins or ends: type the whole of what is wrong now."""
+        if active.step.fault == OVERRUN:
+            if self._board.get(OVERRUN) is active:  # an instant: its end is nothing
+                self._command(f"overrun {round(active['overrun_ms'])}")
+            return
+        self._obeyed -= set(_COMMANDS.values())
+        wrong = broken(self._board)
+        self._command(f"encoder {wrong.encoder_offset_mdeg}")
+        self._command("mend")
+        if wrong.lag_ms is not None:
+            self._command(f"lag {wrong.lag_ms:g}")
+        if wrong.bias_nm is not None:
+            self._command(f"bias {wrong.bias_nm:g}")
+
+    def push(self, assist_nm: float, now_ns: int) -> bool:
+        """Type what the wearer's arm does besides. True while it does anything: ask again soon."""
+        torque_nm = push_nm(self._board, assist_nm, now_ns)
+        if (against := opposing(self._board, assist_nm)) is not None:
+            against.took_effect("push" in self._obeyed)
+        if torque_nm != self._pushed_nm:
+            self._pushed_nm = torque_nm
+            self._command(f"push {torque_nm:.4f}")
+        return any(self._board.get(fault) is not None for fault in PUSHING)
+
+    def obeyed(self, command: str) -> None:
+        """The device's log has the command."""
+        word = command.split()[0]
+        self._obeyed.add(word)
+        if word == "overrun":
+            waiting = (one for one in self._board.all if one.step.fault == OVERRUN and one.effects < one.injections)
+            if (active := next(waiting, None)) is not None:
+                active.took_effect()
+
+    def saw(self, row: DeviceRow) -> None:
+        """A line of the device's log, with faults under way."""
+        torque = any((row.assist_nm, row.gravity_nm, row.follow_nm))
+        for active in acting(self._board, torque):
+            if _COMMANDS[active.step.fault] in self._obeyed:
+                active.took_effect()
