@@ -38,3 +38,7 @@ def test_the_way_of_support_has_no_stairs() -> None:
     assert len(steps) == 500
     assert max(steps) <= 3751  # 1.875 / 500
     assert max(abs(b - a) for a, b in itertools.pairwise(steps)) <= 25
+
+
+def test_a_reach_is_whole_at_its_end() -> None:
+    assert (numbers.REACHED[0], numbers.REACHED[50], numbers.REACHED[100]) == (0, 500, 1000)
