@@ -44,7 +44,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "firmware_sim/transmit.py": ("test_transmit.py", "test_node.py", "test_latches.py"),
     "firmware_sim/states.py": ("test_states.py", "wire/test_conformance.py", "test_latches.py"),
     "firmware_sim/e2e.py": ("test_frames_and_e2e.py", "test_edges.py", "wire/test_conformance.py", "test_commands.py"),
-    "firmware_sim/secoc.py": ("test_frames_and_e2e.py", "wire/test_secoc.py", "test_commands.py"),
+    "firmware_sim/secoc.py": ("test_frames_and_e2e.py", "wire/test_secoc.py", "wire/test_keys.py", "test_commands.py"),
     "hilbridge/core/gate.py": ("core/test_gate.py",),
     "hilbridge/core/session.py": ("core/test_session.py", "core/test_both_ends.py"),
     "hilbridge/core/deadline.py": ("core/test_deadline.py",),
@@ -58,7 +58,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
 }
 TESTS = ("tests/firmware_sim", "tests/core", "tests/wire")
 QUICK = {
-    "firmware_sim/secoc.py": ["tests/wire/test_secoc.py"],
+    "firmware_sim/secoc.py": ["tests/wire/test_secoc.py", "tests/wire/test_keys.py"],
     "firmware_sim/e2e.py": ["tests/firmware_sim/test_frames_and_e2e.py", "tests/wire/test_conformance.py"],
     "hilbridge/wire/e2e.py": ["tests/wire/test_e2e.py"],
 }

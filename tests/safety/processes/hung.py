@@ -118,17 +118,17 @@ class Trial:
 
 
 def _latched(record: dict[str, Any]) -> bool:
-    return record["reason"] == "REPEATED_TRIPS" and record["state"] == "LATCHED" and record["assist_nm"] == 0.0
+    return record["reason"] == "RepeatedTrips" and record["state"] == "Latched" and record["assist_nm"] == 0.0
 
 
 def reaction_ms(trial: Trial, fault: str, rng: random.Random) -> int:
     """Break it at a random phase; ms from the last accepted command to FOLLOW with zero assist."""
     while True:  # a machine under load may lose an assist by itself; only one that lasts until now is broken
-        trial.wait("assist", lambda r: r["state"] == "ASSIST" and abs(r["assist_nm"]) > 0.05)
+        trial.wait("assist", lambda r: r["state"] == "Assist" and abs(r["assist_nm"]) > 0.05)
         time.sleep(rng.uniform(0.1, 0.5))
         trial.unread.clear()
         newest = trial.records()
-        if newest and newest[-1]["state"] == "ASSIST":
+        if newest and newest[-1]["state"] == "Assist":
             break
     if fault == "stopped":
         os.kill(trial.bridge.pid or 0, signal.SIGSTOP)
@@ -139,7 +139,7 @@ def reaction_ms(trial: Trial, fault: str, rng: random.Random) -> int:
     else:
         trial.link(up=False)
     # A machine under load may have cost the device two trips before: then this third one latches it, as it must.
-    ended = trial.wait("FOLLOW", lambda r: r["state"] == "FOLLOW" or _latched(r))
+    ended = trial.wait("FOLLOW", lambda r: r["state"] == "Follow" or _latched(r))
     if ended["assist_nm"] != 0.0:
         raise Failed(f"{ended['state']} with assist: {ended}")
     if fault == "stopped":
@@ -147,9 +147,9 @@ def reaction_ms(trial: Trial, fault: str, rng: random.Random) -> int:
     if fault == "link down and up":
         time.sleep(0.2)
         trial.link(up=True)
-    if fault in ("stopped", "stalled", "link down and up") and ended["state"] == "FOLLOW":
-        between = trial.wait("return to ASSIST", lambda r: r["state"] in ("READY", "ASSIST"))
-        if between["state"] != "READY":
+    if fault in ("stopped", "stalled", "link down and up") and ended["state"] == "Follow":
+        between = trial.wait("return to ASSIST", lambda r: r["state"] in ("Ready", "Assist"))
+        if between["state"] != "Ready":
             raise Failed(f"assist again without READY: {between}")
     elapsed: int = ended["t_ms"] - ended["accepted_ms"]
     return elapsed
