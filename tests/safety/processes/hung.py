@@ -124,7 +124,7 @@ def _latched(record: dict[str, Any]) -> bool:
 def reaction_ms(trial: Trial, fault: str, rng: random.Random) -> int:
     """Break it at a random phase; ms from the last accepted command to FOLLOW with zero assist."""
     while True:  # a machine under load may lose an assist by itself; only one that lasts until now is broken
-        trial.wait("assist", lambda r: r["state"] == "Assist" and abs(r["assist_nm"]) > 0.05)
+        trial.wait("assist", lambda r: r["state"] == "Assist" and abs(r["assist_nm"]) > 0.02)
         time.sleep(rng.uniform(0.1, 0.5))
         trial.unread.clear()
         newest = trial.records()
