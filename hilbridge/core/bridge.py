@@ -327,7 +327,7 @@ class Bridge:
             # Again and again: the first request of a bridge started anew may be taken for a repetition.
             self._clear_asked = True
             return self._sendable("ARM_REQUEST", self.session.request(Purpose.CLEAR_LATCH, self._nonce(), now_ns))
-        if self._clear_asked and not latched:
+        if self._clear_asked:  # and answered: what was to be cleared is no more
             self._clear_wanted = self._clear_asked = False
         if self._config.arm and self.device.state in ("Follow", "Ready"):
             return self._sendable("ARM_REQUEST", self.session.request(Purpose.ARM, self._nonce(), now_ns))

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hilbridge.core.bridge import sensing_age_ms, verb_name
-from hilbridge.core.session import Purpose
+from hilbridge.core.bridge import Command, sensing_age_ms, verb_name
+from hilbridge.core.session import Phase, Purpose
 from hilbridge.limits import MS
 from hilbridge.records import Action, GateDecision, HoldReason
 from hilbridge.verbs import VERBS
@@ -307,3 +307,97 @@ def test_diagnosis_shows_the_sessions_lost() -> None:
         sent = hub.tick(state="Latched")["BRIDGE_DIAG"]
         seen[sent["Index"]] = sent[sent["Index"]]
     assert seen["Holds"] == 0xFFFFFFFF
+
+
+def test_a_bridge_begins_holding_with_nothing_known_nothing_asked_and_no_stop() -> None:
+    hub = Hub()
+    assert hub.bridge.command == Command(Action.HOLD, "None", HoldReason.NO_ESTIMATE, 0)
+    assert not hub.bridge.stopped
+    hub.heartbeat()
+    assert "ARM_REQUEST" not in hub.tick(state="Latched")  # nobody has wished to clear it
+    late = Hub()
+    late.bridge.session.phase = Phase.ARMED
+    late.status("Ready")
+    assert late.bridge.veto(late.now_ns) is HoldReason.NONE  # no tick yet, so none that came late
+
+
+def test_the_first_tick_has_a_heartbeat_whenever_it_comes_and_the_next_once_it_is_due() -> None:
+    hub = Hub()
+    hub.now_ns = 0
+    assert "BRIDGE_HB" in hub.tick(after_ms=0)
+    assert "BRIDGE_HB" not in hub.tick(after_ms=59)
+    assert "BRIDGE_HB" in hub.tick(after_ms=1)
+
+
+def test_an_input_of_this_very_moment_has_no_age() -> None:
+    assert sensing_age_ms(5, 5) == 0
+
+
+def test_heartbeats_carry_the_low_bits_of_overruns_and_bundle() -> None:
+    hub = Hub()
+    for overruns, shown in ((255, 255), (0x1FF, 255), (256, 0)):
+        hub.bridge.diag["Overruns"] = overruns
+        frames = hub.bridge.tick(HOLD, None, VALID, 0x7FFFF, hub.now_ns)
+        beat = hub.read(frames)["BRIDGE_HB"]
+        assert (beat["Overruns"], beat["BundleId"], beat["ProtocolVersion"]) == (shown, 0xFFFF, 1)
+        hub.now_ns += 100 * MS
+
+
+def test_a_challenge_that_nobody_asked_for_is_not_answered_on_the_bus() -> None:
+    hub = Hub()
+    assert hub.bridge.on_message("ARM_CHALLENGE", {"DeviceNonce": 77, "Session": 9}, 1, hub.now_ns) == []
+
+
+def test_nothing_is_asked_for_on_any_other_counter_nor_before_a_status() -> None:
+    hub = Hub()
+    hub.bridge.on_message("CTRL_HB", {"ProtocolVersion": 1, "BootNonce": 5}, 1, hub.now_ns)
+    hub.bridge.on_message("CTRL_DIAG", {"Index": "RejCrc", "RejCrc": 0}, 1, hub.now_ns)
+    assert "ARM_REQUEST" not in hub.tick(state="Follow")
+    silent = Hub()
+    silent.heartbeat()
+    assert "ARM_REQUEST" not in silent.tick(state=None)
+
+
+@pytest.mark.parametrize("state", ["Follow", "Ready"])
+def test_a_device_that_follows_or_is_ready_is_asked(state: str) -> None:
+    hub = Hub()
+    hub.heartbeat()
+    assert hub.tick(state=state)["ARM_REQUEST"]["Purpose"] == "Arm"
+
+
+def test_a_stop_is_cleared_like_a_latch() -> None:
+    hub = Hub()
+    hub.heartbeat()
+    hub.bridge.request_clear_latch()
+    assert hub.tick(state="EStop")["ARM_REQUEST"]["Purpose"] == "ClearLatch"
+
+
+@pytest.mark.parametrize("own", [True, False])
+def test_a_stop_says_why_the_session_ended_and_lasts_while_the_device_says_so(own: bool) -> None:
+    hub = Hub().arm()
+    if own:
+        hub.bridge.request_stop(hub.now_ns)
+    else:
+        hub.bridge.on_message("STOP", {}, 0, hub.now_ns)
+    assert hub.bridge.session.why == "stop"
+    for _ in range(3):
+        hub.status("EStop")
+        assert hub.bridge.stopped
+
+
+def test_acts_and_holds_are_counted_as_sent() -> None:
+    hub = Hub().arm()
+    before = dict(hub.bridge.diag)
+    hub.tick(ACT_TAKE)
+    hub.tick(ACT_TAKE)
+    hub.tick(HOLD)
+    assert hub.bridge.diag["Acts"] - before["Acts"] == 2
+    assert hub.bridge.diag["Holds"] - before["Holds"] == 1
+
+
+def test_an_act_that_cannot_be_authorised_goes_out_alone(monkeypatch: pytest.MonkeyPatch) -> None:
+    hub = Hub().arm()
+    monkeypatch.setattr(hub.bridge.session, "authorise", lambda act_cmd: None)
+    sent = hub.tick(ACT_TAKE)
+    assert sent["ACT_CMD"]["Gate"] == "Act"
+    assert "ACT_AUTH" not in sent

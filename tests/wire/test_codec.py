@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import random
+from pathlib import Path
 from typing import Any
 
 import cantools
@@ -9,8 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hilbridge.records import Frame
-from hilbridge.wire.codec import Decoded, Rejected, RejectReason
-from hilbridge.wire.dbc import REQUIRED, default_dbc_path
+from hilbridge.wire.codec import Codec, Decoded, Rejected, RejectReason
+from hilbridge.wire.dbc import REQUIRED, DbcError, default_dbc_path
 from hilbridge.wire.link import WireLink
 from tests.wire.shared import CODEC
 
@@ -169,3 +170,42 @@ def test_encode_knows_names_and_numbers() -> None:
     )
     with pytest.raises(KeyError):
         CODEC.encode("NO_SUCH", {})
+
+
+def test_a_reason_is_the_name_of_its_counter() -> None:
+    """As BRIDGE_DIAG has them, in the order of its indices."""
+    index = CODEC.messages["BRIDGE_DIAG"].multiplexer
+    assert index is not None
+    assert index.names is not None
+    assert [index.names[code] for code in range(1, 12)] == [reason.value for reason in RejectReason]
+
+
+def test_a_codec_made_anew_finds_messages_by_identifier_and_counters_in_frames() -> None:
+    codec = Codec()
+    data = codec.encode("ACT_CMD", {})
+    outcome = codec.decode(Frame(0x060, data[:2] + bytes((255,)) + data[3:]))
+    assert isinstance(outcome, Decoded)
+    assert (outcome.name, outcome.counter) == ("ACT_CMD", 255)
+    stop = codec.decode(Frame(0x001, b""))
+    assert isinstance(stop, Decoded)
+    assert stop.counter == 0
+
+
+@pytest.mark.parametrize("frame", [Frame(0x7FF, b""), Frame(0x060, bytes(8), is_fd=True)])
+def test_what_has_no_message_names_none(frame: Frame) -> None:
+    outcome = CODEC.decode(frame)
+    assert isinstance(outcome, Rejected)
+    assert outcome.name == ""
+
+
+@pytest.mark.parametrize(("said", "shown"), [(ValueError("bad\nmore"), "bad"), (ValueError(), "ValueError")])
+def test_a_parsers_first_line_is_shown_or_else_what_it_raised(
+    said: Exception, shown: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*_: object, **__: object) -> None:
+        raise said
+
+    monkeypatch.setattr("cantools.database.load_file", fails)
+    with pytest.raises(DbcError) as raised:
+        Codec(tmp_path / "x.dbc")
+    assert str(raised.value).endswith(f"({shown})")

@@ -64,3 +64,18 @@ def test_stop_carries_nothing_and_is_always_taken() -> None:
         outcome = link.decode(stop)
         assert isinstance(outcome, Decoded)
         assert outcome.name == "STOP"
+
+
+@pytest.mark.parametrize("kind", ["is_error", "is_fd", "is_extended", "is_remote"])
+def test_h9_a_frame_of_another_kind_moves_no_counter_and_is_counted_as_such(kind: str) -> None:
+    device, bridge = WireLink(CODEC, "CONTROLLER"), WireLink(CODEC)
+    frame = status(device)
+    outcome = bridge.decode(frame._replace(**{kind: True}))
+    assert isinstance(outcome, Rejected)
+    assert (outcome.reason, outcome.name) == (RejectReason.KIND, "")
+    assert bridge.machine("CTRL_STATUS") is MachineState.NO_DATA
+    assert isinstance(bridge.decode(frame), Decoded)
+
+
+def test_the_first_frame_of_a_message_has_counter_one() -> None:
+    assert WireLink(CODEC).encode("ACT_CMD", {}).data[2] == 1
