@@ -44,6 +44,8 @@ class DeviceProcess:
 
     def __init__(self, bus: str, log: Path) -> None:
         command = [sys.executable, "-m", "firmware_sim.node", "--bus", bus, "--json-log", str(log)]
+        # The pipe is the device's lease: however this process ends, the device sees its end and goes too.
+        command.append("--until-input-ends")
         self.summary: dict[str, Any] = {}
         self._lines: queue.Queue[str | None] = queue.Queue()
         self._process = subprocess.Popen(
