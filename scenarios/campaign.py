@@ -256,11 +256,11 @@ def run_campaign(
     return sorted(outcomes, key=lambda outcome: (outcome.safe, outcome.robustness))
 
 
-def _leased(parent: int | None, base: Scenario, sample: Sample) -> Outcome:
+def _leased(parent: int | None, run: Callable[[Scenario, Sample], Outcome], base: Scenario, sample: Sample) -> Outcome:
     """In a worker, which ends with the process that has started it; a cluster's workers are the cluster's own."""
     if parent is not None:
         end_with(parent)
-    return run_sample(base, sample)
+    return run(base, sample)
 
 
 def _run_chunk(
@@ -269,7 +269,9 @@ def _run_chunk(
     for attempt in range(_RETRIES + 1):
         try:
             # A new pool each time: one that has lost a worker of Ray's answers its next call with nothing at all.
-            outcomes: list[Outcome] = workers()(joblib.delayed(_leased)(parent, base, sample) for sample in chunk)
+            outcomes: list[Outcome] = workers()(
+                joblib.delayed(_leased)(parent, run_sample, base, sample) for sample in chunk
+            )
             if len(outcomes) != len(chunk):
                 raise RuntimeError(f"{len(outcomes)} of {len(chunk)} samples came back")
             return outcomes
