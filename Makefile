@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-OUT ?= out/demo
+OUT ?=
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test check safety bench clean
@@ -22,7 +22,7 @@ $(VENV)/.all: pyproject.toml constraints.txt | $(BIN)/python
 	@touch $@ $(VENV)/.base
 
 demo: $(VENV)/.base  ## run the main job: simulated wearer -> bridge -> CAN -> simulated device
-	$(BIN)/hilbridge demo --seconds 30 --out $(OUT)
+	$(BIN)/hilbridge demo --seconds 30 $(if $(OUT),--out $(OUT))
 
 test: $(VENV)/.all  ## lint, types, contracts, unit tests, and the tests on a kernel vcan0
 	$(MAKE) --no-print-directory check

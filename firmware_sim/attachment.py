@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import socket
 import sys
 import time
@@ -12,7 +13,8 @@ import can
 
 from firmware_sim.memory import Received
 
-_VIRTUAL = ("hilsim", "virtual", "udp_multicast")
+_VIRTUAL = ("hilsim", "virtual")
+_GIVES_OWN_BACK = ("udp_multicast",)
 _READS_AT_ONCE = 4096
 _RECEIVE_BUFFER = 4 * 1024 * 1024
 _REOPEN_NS = 100_000_000
@@ -59,7 +61,22 @@ def parse_spec(text: str) -> Spec:
         virtual = channel.startswith(("vcan", "vxcan")) and not Path("/sys/class/net", channel, "device").exists()
     else:
         virtual = interface in _VIRTUAL
+    if interface in _GIVES_OWN_BACK:
+        raise BusUnusable(
+            f"bus {text}: {interface} gives a node its own frames back, like those of an impostor; use hilsim:NAME"
+        )
     return Spec(interface, channel, not virtual)
+
+
+def _why_not(spec: Spec, error: Exception) -> str:
+    """One line with the cure that fits: a link that is down, a kernel without CAN, a driver that is not there."""
+    cannot = f"bus {spec.interface}:{spec.channel} cannot be opened"
+    if spec.interface == "socketcan":
+        if isinstance(error, OSError) and error.errno == errno.EAFNOSUPPORT:
+            return f"{cannot}: this kernel has no CAN; --bus hilsim:demo needs none"
+        return f"{cannot}: {error}; `ip link set {spec.channel} up`, or --bus hilsim:demo, which needs no link"
+    kind = "" if isinstance(error, can.CanError | OSError | ValueError) else f"{type(error).__name__}: "
+    return f"{cannot}: {kind}{error}; python-can's page on {spec.interface!r} says what its driver needs"
 
 
 class Attachment:
@@ -82,11 +99,8 @@ class Attachment:
     def _open(self) -> can.BusABC:
         try:
             bus = can.Bus(interface=self.spec.interface, channel=self.spec.channel)
-        except (can.CanError, OSError, ValueError, NotImplementedError) as error:
-            hint = f"; `ip link set {self.spec.channel} up`" if self.spec.interface == "socketcan" else ""
-            raise BusUnusable(
-                f"bus {self.spec.interface}:{self.spec.channel} cannot be opened: {error}{hint}"
-            ) from None
+        except Exception as error:  # an absent driver raises whatever its binding stumbles over, NameError among it
+            raise BusUnusable(_why_not(self.spec, error)) from None
         raw = getattr(bus, "socket", None)
         if isinstance(raw, socket.socket):
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)

@@ -7,6 +7,7 @@ in the tick in which it arrived, so that a stalled computer is not mistaken for 
 from __future__ import annotations
 
 import argparse
+import contextlib
 import json
 import secrets
 import signal
@@ -17,9 +18,11 @@ from collections import deque
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import IO, Any
+from typing import IO, Any, NoReturn
 
 from firmware_sim.attachment import Arrival, Attachment, BusUnusable, parse_spec
+from firmware_sim.clearing import HAND, awaited
+from firmware_sim.console import listen, read_terminal_politely, report_defect, say
 from firmware_sim.device import LOG_CYCLE_MS, Device
 from firmware_sim.frames import STOP, Reject
 from firmware_sim.keys import KeyUnusable, load_key
@@ -54,6 +57,7 @@ class Node:
         self._logged: tuple[object, ...] = ()
         self._stop_ms: int | None = None
         self._random = b""
+        self._awaited: str | None = None
 
     def run(self, seconds: float | None) -> None:
         """Until `seconds` of the device's time have gone by, or a signal or `quit` arrives."""
@@ -67,10 +71,12 @@ class Node:
             due = (now_ns - start_ns) // _TICK_NS
             ended = last_tick is not None and due >= last_tick
             self._catch_up(due if last_tick is None else min(due, last_tick), start_ns)
+            self._announce()
             self.stopping |= ended
             rest_ns = start_ns + self.device.ticks * _TICK_NS + _WAKE_NS - time.monotonic_ns()
             if rest_ns > 0:
                 time.sleep(rest_ns * 1e-9)
+        self.bus.read(time.monotonic_ns())  # what has arrived by now was not lost, and is counted
 
     def _catch_up(self, due: int, start_ns: int) -> None:
         behind = due - self.device.ticks
@@ -93,6 +99,18 @@ class Node:
                 for can_id, data in outgoing:
                     self.bus.send(can_id, data, ends_ns)
             self._log_tick(ends_ns)
+
+    def _announce(self) -> None:
+        """Say what a latch or a stop waits for, when that changes."""
+        state = self.device.state
+        waits_for = awaited(state, state.last_tick_ms)
+        if waits_for == self._awaited:
+            return
+        self._awaited = waits_for
+        if waits_for is None:
+            say(f"cleared: {wire_name(state.state)}")
+        else:
+            say(f"{wire_name(state.state)} ({wire_name(state.reason)}): waits for {waits_for}")
 
     def _nonce(self) -> int:
         """32 unpredictable bits; asked of the system in blocks, since every tick takes some and few use them."""
@@ -125,12 +143,12 @@ class Node:
                 self._obey_one(words)
                 self._write({"command": " ".join(words), "ends_ns": time.monotonic_ns()})
             except (IndexError, ValueError):
-                print(f"firmware-sim: {' '.join(words)!r} not understood; {_COMMANDS}", file=sys.stderr)  # noqa: T201
+                say(f"command {' '.join(words)!r} not understood; {_COMMANDS}", wrong=True)
 
     def _obey_one(self, words: list[str]) -> None:
         match words[0]:
             case "clear":
-                self.device.local_clear = True
+                self._confirm()
             case "overrun":
                 self.device.skip(int(words[1]) if len(words) > 1 else 10)
             case "stuck":
@@ -155,6 +173,15 @@ class Node:
                 self.stopping = True
             case _:
                 raise ValueError(words[0])
+
+    def _confirm(self) -> None:
+        """The hand at the device. One that comes too early is not kept, and told so: it may mean another latch."""
+        waits_for = awaited(self.device.state, self.device.state.last_tick_ms)
+        if waits_for is None:
+            say("clear refused: nothing is latched")
+        elif waits_for != HAND:
+            say(f"clear refused: too early, waits for {waits_for}; confirm again after that")
+        self.device.local_clear = True
 
     def _break_motor_further(self, **fault: Any) -> None:
         """One more fault of the actuator; those it has already stay until `mend`."""
@@ -181,58 +208,90 @@ class Node:
         }
 
 
-def _listen(node: Node) -> None:
-    for line in sys.stdin:
-        if line.strip():
-            node.commands.append(line)
+class _Parser(argparse.ArgumentParser):
+    def error(self, message: str) -> NoReturn:
+        """One line, as every other refusal."""
+        self.exit(2, f"firmware-sim: {' '.join(message.split())}; firmware-sim --help lists what there is\n")
 
 
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="firmware-sim",
         description="Simulated assistive controller with an arm and an actuator on a CAN bus.",
-        epilog=f"Commands on standard input: {_COMMANDS}. SIGUSR1 is the local action too.",
+        epilog=f"Commands, a line each, from a pipe or with --interactive: {_COMMANDS}. SIGUSR1 is the local action too.",
     )
     parser.add_argument("--bus", default="auto", help="auto, vcan0, can0, hilsim:NAME or interface:channel")
     parser.add_argument("--key-file", type=Path, help="shared key, 32 hex digits, mode 0600 (default: the demo key)")
-    parser.add_argument("--seconds", type=float, help="stop after so many seconds of the device's time")
+    parser.add_argument("--seconds", type=_seconds, help="stop after so many seconds of the device's time")
     parser.add_argument("--json-log", type=Path, help="JSON lines: every change, and one every --log-ms")
     parser.add_argument(
         "--log-ms", type=int, default=LOG_CYCLE_MS, choices=range(1, 1001), metavar="MS", help="1 to 1000 (20)"
     )
     parser.add_argument("--wearer-torque", choices=WEARERS, default="reach", help="what the wearer's arm does")
+    parser.add_argument(
+        "--interactive", action="store_true", help="read commands from the terminal, while in its foreground"
+    )
+    parser.add_argument(
+        "--until-input-ends", action="store_true", help="end with the pipe of commands, and so with whoever holds it"
+    )
     return parser
 
 
+def _seconds(text: str) -> float:
+    seconds = float(text)
+    if not 0 < seconds < 1e9:  # also no NaN
+        raise argparse.ArgumentTypeError(f"{text}: give seconds above 0")
+    return seconds
+
+
 def main(arguments: list[str] | None = None) -> int:
-    """Run the device; 0 after a clean end, 2 with one line where it cannot start."""
+    """Run the device; 0 after a clean end, 2 with one line where it cannot start, 1 for a defect of its own."""
     options = _parser().parse_args(arguments)
+    log: IO[str] | None = None
+    bus: Attachment | None = None
     try:
         spec = parse_spec(options.bus)
         key = load_key(options.key_file, physical=spec.physical)
-        bus = Attachment(spec)
-    except (BusUnusable, KeyUnusable) as error:
-        print(f"firmware-sim: {error}", file=sys.stderr)  # noqa: T201
-        return 2
-    use_realtime_scheduling()
-    log: IO[str] | None = None
-    try:
         if options.json_log is not None:
             log = options.json_log.open("w", encoding="utf-8", buffering=1)
+        bus = Attachment(spec)
+        use_realtime_scheduling()
         node = Node(Device(ControllerState(key, secrets.randbits(32)), options.wearer_torque), bus, log, options.log_ms)
         _on_signals(node)
-        print(f"firmware-sim ready on {spec.interface}:{spec.channel}", flush=True)  # noqa: T201
-        threading.Thread(target=_listen, args=(node,), daemon=True).start()
+        say(f"ready on {spec.interface}:{spec.channel}")
+        _take_commands(node, options)
         node.run(options.seconds)
-        print(f"firmware-sim done {json.dumps(node.summary())}", flush=True)  # noqa: T201
-    except OSError as error:
-        print(f"firmware-sim: {options.json_log}: log cannot be written ({error.strerror})", file=sys.stderr)  # noqa: T201
+        say(f"done {json.dumps(node.summary())}")
+    except (BusUnusable, KeyUnusable) as error:
+        say(" ".join(str(error).split()), wrong=True)
         return 2
+    except OSError as error:
+        if options.json_log is None:
+            return report_defect(error)
+        say(f"{options.json_log}: log cannot be written ({error.strerror}); what it holds so far is kept", wrong=True)
+        return 2
+    except Exception as error:
+        return report_defect(error)
     finally:
-        bus.close()
+        if bus is not None:
+            bus.close()
         if log is not None:
-            log.close()
+            with contextlib.suppress(OSError):  # a full disk has been told of
+                log.close()
     return 0
+
+
+def _take_commands(node: Node, options: argparse.Namespace) -> None:
+    def ended() -> None:
+        node.stopping |= bool(options.until_input_ends)
+
+    read_terminal_politely()
+    threading.Thread(
+        target=listen,
+        args=(sys.stdin, node.commands.append),
+        kwargs={"interactive": options.interactive, "ended": ended},
+        daemon=True,
+    ).start()
 
 
 def _on_signals(node: Node) -> None:

@@ -7,13 +7,16 @@ from __future__ import annotations
 import json
 import os
 import sys
-from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hilbridge.errors import InputError, needs_extra
+from hilbridge.cli_learning import register
+from hilbridge.guard import run_guarded
+
+if TYPE_CHECKING:
+    from hilbridge.run import Outcome
 
 # The predictor's matrices are small: a second BLAS thread only spins on the processor that the device or camera needs.
 # It must be said before numpy is imported, which every command does itself.
@@ -27,12 +30,13 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 
-INTERRUPTED = 130  # the exit code of a program that Ctrl-C ended
-
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text")]
 Bus = Annotated[str | None, typer.Option("--bus", help="auto, vcan0, can0, or any python-can interface:channel")]
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="bridge.toml; the command line wins over it")]
 BundleFile = Annotated[Path | None, typer.Option("--bundle", help="model bundle; default: the one that ships")]
+
+RunFolder = Annotated[Path | None, typer.Option(help="folder for what it leaves behind; default: a new one in out/")]
+Force = Annotated[bool, typer.Option("--force", help="replace the recording that --out holds already")]
 
 
 def _print_json(value: Any) -> None:
@@ -42,7 +46,8 @@ def _print_json(value: Any) -> None:
 @app.command()
 def demo(
     seconds: Annotated[float, typer.Option(min=3.0, help="how long")] = 30.0,
-    out: Annotated[Path, typer.Option(help="folder for recording, report and the device's log")] = Path("out/demo"),
+    out: RunFolder = None,
+    force: Force = False,
     bus: Annotated[str, typer.Option("--bus", help="auto, vcan0, or any python-can interface:channel")] = "auto",
     seed: Annotated[int, typer.Option(min=0, help="which simulated person and session")] = 3,
     tremor_hz: Annotated[float, typer.Option(min=0.0, max=15.0, help="give the wearer a tremor of so many Hz")] = 0.0,
@@ -50,14 +55,12 @@ def demo(
 ) -> None:
     """Run the main job: a simulated wearer, the bridge, CAN, and a simulated device in another process."""
     from hilbridge.demo import DemoOptions, run_demo
-    from hilbridge.terminal import live_line, print_outcome
+    from hilbridge.run import run_folder
+    from hilbridge.terminal import live_line
 
-    with live_line(seconds, quiet=as_json) as progress:
-        outcome = run_demo(DemoOptions(seconds, out, bus, seed, tremor_hz), progress)
-    if as_json:
-        _print_json(outcome.as_json())
-    else:
-        print_outcome(outcome)
+    with run_folder("demo", out, force=force) as folder, live_line(seconds, quiet=as_json) as progress:
+        outcome = run_demo(DemoOptions(seconds, folder, bus, seed, tremor_hz), progress)
+    _print_outcome(outcome, as_json)
 
 
 @app.command()
@@ -71,7 +74,8 @@ def run(
     bundle: BundleFile = None,
     config: ConfigFile = None,
     seconds: Annotated[float | None, typer.Option(min=0.1, help="stop after so long; default: at the end")] = None,
-    out: Annotated[Path, typer.Option(help="folder for recording and report")] = Path("out/run"),
+    out: RunFolder = None,
+    force: Force = False,
     hands: Annotated[bool | None, typer.Option("--hands/--no-hands", help="find hands with MediaPipe")] = None,
     loop: Annotated[bool | None, typer.Option("--loop", help="start a recording again at its end")] = None,
     key_file: Annotated[Path | None, typer.Option(help="16-byte key as hex, mode 0600")] = None,
@@ -88,10 +92,10 @@ def run(
     import asyncio
 
     from hilbridge.config import load_config
-    from hilbridge.run import run_bridge
+    from hilbridge.run import RunOptions, run_bridge, run_folder
     from hilbridge.runtime.assemble import read_parts
     from hilbridge.runtime.senses import open_senses
-    from hilbridge.terminal import live_line, print_outcome
+    from hilbridge.terminal import live_line
 
     settings = load_config(
         config,
@@ -104,16 +108,24 @@ def run(
     parts = read_parts(settings)
     senses = open_senses(settings.sensors)
     title = f"run: camera {settings.sensors.camera}, gaze {settings.sensors.gaze}"
-    with live_line(seconds, quiet=as_json) as progress:
-        outcome = asyncio.run(
-            run_bridge(
-                settings, parts, senses, out, title=title, seconds=seconds, progress=progress, clear_latch=clear_latch
-            )
-        )
-    if as_json:
-        _print_json(outcome.as_json())
-    else:
-        print_outcome(outcome)
+    with run_folder("run", out, force=force) as folder, live_line(seconds, quiet=as_json) as progress:
+        asked = RunOptions(title, seconds, clear_latch=clear_latch)
+        outcome = asyncio.run(run_bridge(settings, parts, senses, folder, asked, progress))
+    _print_outcome(outcome, as_json)
+
+
+def _print_outcome(outcome: Outcome, as_json: bool) -> None:
+    from hilbridge.terminal import print_outcome
+
+    try:
+        if as_json:
+            _print_json(outcome.as_json())
+        else:
+            print_outcome(outcome)
+        sys.stdout.flush()
+    except OSError as error:
+        error.add_note(f"saved: {outcome.recording}, {outcome.report}")
+        raise
 
 
 def _text(path: Path | None) -> str | None:
@@ -155,120 +167,6 @@ def bench(as_json: Json = False) -> None:
         _print_json(figures)
     else:
         print_figures(figures)
-
-
-@app.command()
-def train(
-    out: Annotated[Path, typer.Option(help="the bundle to write")] = Path("out/bundle.safetensors"),
-    work: Annotated[Path, typer.Option(help="checkpoints, logs, recorded streams")] = Path("out/train"),
-    wearer: Annotated[str, typer.Option(help="demo or benchmark")] = "demo",
-    people: Annotated[int, typer.Option(min=8, help="how many simulated people")] = 480,
-    seconds: Annotated[float, typer.Option(min=10.0, help="of each")] = 60.0,
-    precision: Annotated[float, typer.Option(min=0.0, max=1.0, help="act-only precision tau_on must replay to")] = 0.9,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
-) -> None:
-    """Train, calibrate and choose thresholds; write one bundle. An interrupted run goes on where it was."""
-    with needs_extra("train"):
-        from hilbridge.learning.training import make_bundle
-        from hilbridge.learning.training.recipes import DEMO_RECIPE
-
-    recipe = replace(DEMO_RECIPE, seed=seed)
-    try:
-        config = make_bundle.TrainConfig(
-            out=out, work=work, wearer=wearer, people=people, seconds=seconds, precision=precision, recipe=recipe
-        )
-        typer.echo(f"bundle: {make_bundle.train(config)}")
-    except ValueError as error:
-        raise InputError(str(error)) from None
-
-
-@app.command()
-def evaluate(
-    data: Annotated[str, typer.Option(help="synthetic, or the folder of a data set")] = "synthetic",
-    out: Annotated[Path, typer.Option(help="folder for the report and its tables")] = Path("out/evaluate"),
-    workers: Annotated[int, typer.Option(min=1, help="processes")] = 2,
-) -> None:
-    """Run experiments E1 to E5 and write one HTML report with tables beside the paper's figures."""
-    with needs_extra("train"):
-        from hilbridge.learning.experiments import evaluate as evaluation
-
-    try:
-        result = evaluation.evaluate(data, out, workers=workers, say=lambda line: typer.echo(line, err=True))
-    except ValueError as error:
-        raise InputError(str(error)) from None
-    typer.echo(f"report: {result.report} ({result.minutes:.1f} min)")
-
-
-@app.command()
-def certify(
-    precision: Annotated[float, typer.Option(min=0.0, max=1.0, help="act-only precision to certify")] = 0.8,
-    delta: Annotated[float, typer.Option(min=0.0, max=1.0, help="how often the promise may fail")] = 0.05,
-    bundle: BundleFile = None,
-    method: Annotated[str, typer.Option(help="betting, cluster_t or clopper_pearson")] = "betting",
-    people: Annotated[int, typer.Option(min=2, help="how many simulated people to certify on")] = 200,
-    write: Annotated[Path | None, typer.Option(help="write the bundle with the certified tau_on here")] = None,
-) -> None:
-    """Choose a tau_on that keeps its promise on people it has not seen, or say how much more data it takes (exit 1)."""
-    from hilbridge.intent.bundle import demo_bundle_path
-    from hilbridge.terminal import counting
-
-    with needs_extra("train"):
-        from hilbridge.learning.certificate import certify_bundle as certifying
-
-    try:
-        config = certifying.CertifyConfig(
-            bundle=bundle or demo_bundle_path(),
-            precision=precision,
-            delta=delta,
-            method=certifying.method_named(method),
-            people=people,
-            write=write,
-        )
-        with counting("simulated people", people) as step:
-            result = certifying.certify_bundle(config, progress=step)
-    except ValueError as error:
-        raise InputError(str(error)) from None
-    typer.echo("\n".join(result.lines()))
-    if result.certificate.tau_on is None:
-        raise typer.Exit(1)
-
-
-data_app = typer.Typer(help="Look at data sets.", no_args_is_help=True)
-app.add_typer(data_app, name="data")
-
-
-@data_app.command("describe")
-def data_describe(path: Annotated[Path, typer.Argument(help="the data set's folder")], as_json: Json = False) -> None:
-    """Say what an EGTEA Gaze+ folder holds: annotations, subjects, verbs, gaze files and what is wrong with them."""
-    from hilbridge.learning.data.describe import describe
-
-    try:
-        summary = describe(path)
-    except ValueError as error:
-        raise InputError(str(error)) from None
-    if as_json:
-        _print_json(summary.as_json())
-    else:
-        typer.echo("\n".join(summary.lines()))
-
-
-@data_app.command("pack")
-def data_pack(
-    path: Annotated[Path, typer.Argument(help="the data set's folder")],
-    hands: Annotated[bool, typer.Option(help="find hands in the videos (needs the extra `hands`)")] = True,
-) -> None:
-    """Run gaze and videos through the feature chain once and keep feature_packs/SESSION.npz; what is there is kept."""
-    from hilbridge.terminal import counting
-
-    with needs_extra("train"):
-        from hilbridge.learning.data import packs
-
-    try:
-        with counting("sessions", packs.missing(path)) as step:
-            made = packs.make_packs(path, hands, step, lambda line: typer.echo(line, err=True))
-    except ValueError as error:
-        raise InputError(str(error)) from None
-    typer.echo(f"{len(made)} packs written under {path / 'feature_packs'}")
 
 
 @app.command("fetch-models")
@@ -330,17 +228,12 @@ def report(
         typer.echo(f"report: {target}")
 
 
+register(app)
+
+
 def main() -> None:
-    """Entry point: an InputError is one line and exit code 2, Ctrl-C ends cleanly with 130."""
-    try:
-        app()
-    except InputError as error:
-        typer.echo(f"hilbridge: {error}", err=True)
-        sys.exit(2)
-    except SystemExit as ended:
-        if ended.code == INTERRUPTED:  # typer has caught Ctrl-C and says nothing
-            typer.echo("hilbridge: interrupted", err=True)
-        raise
+    """Entry point: every way out is one line and an exit code (`hilbridge.guard`)."""
+    run_guarded(app, "hilbridge")
 
 
 if __name__ == "__main__":

@@ -9,6 +9,7 @@ import queue
 import subprocess
 import sys
 import threading
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +18,7 @@ from typing import Any
 from hilbridge.bus.port.spec import parse_spec
 from hilbridge.config import BusConfig, Config
 from hilbridge.errors import InputError
-from hilbridge.run import Outcome, Progress, run_bridge
+from hilbridge.run import Outcome, RunOptions, Watcher, run_bridge
 from hilbridge.runtime.assemble import read_parts
 from hilbridge.runtime.judge import judge_by
 from hilbridge.runtime.live import LiveBridge
@@ -26,6 +27,7 @@ from hilbridge.wearer.person import Tremor, Wearer
 
 DEMO_SEED = 3  # a person the shipped bundle was not trained on
 _DEVICE_START_S = 30.0
+_LAST_FRAMES_S = 0.1  # for what is still on the wire when the bridge has stopped
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +46,10 @@ class DeviceProcess:
 
     def __init__(self, bus: str, log: Path) -> None:
         command = [sys.executable, "-m", "firmware_sim.node", "--bus", bus, "--json-log", str(log)]
+        # The pipe is the device's lease: however this process ends, the device sees its end and goes too.
+        command.append("--until-input-ends")
         self.summary: dict[str, Any] = {}
+        self.failure = ""  # its last word, where it ended before it was asked to
         self._lines: queue.Queue[str | None] = queue.Queue()
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -59,6 +64,7 @@ class DeviceProcess:
 
     def stop(self) -> None:
         """Ask it to end and read its summary; kill it when it does not answer."""
+        ended_early = self._process.poll() not in (None, 0)
         self._process.terminate()
         while (line := self._next_line(5.0)) is not None:
             if line.startswith("firmware-sim done "):
@@ -68,6 +74,9 @@ class DeviceProcess:
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.wait()
+        if ended_early and not self.failure and self._process.stderr is not None:
+            said = self._process.stderr.read().strip().splitlines()
+            self.failure = said[-1] if said else f"exit code {self._process.returncode}"
 
     def _read(self) -> None:
         assert self._process.stdout is not None
@@ -82,11 +91,13 @@ class DeviceProcess:
             return None
 
 
-def run_demo(options: DemoOptions, progress: Progress = lambda seconds, row: None) -> Outcome:
+def run_demo(options: DemoOptions, watcher: Watcher) -> Outcome:
     """Run it and write recording and report into `options.out`. Raises InputError when something cannot be opened."""
     bus = parse_spec(options.bus)
     # A simulated bus of one's own: two demos at once do not meet.
     name = f"hilsim:demo-{os.getpid()}" if bus.interface == "hilsim" and options.bus == "auto" else str(bus)
+    if bus.interface == "virtual":
+        raise InputError(f"bus {name}: reaches no other process, and the device is one; use hilsim:NAME")
     config = Config(bus=BusConfig(spec=name))
     parts = read_parts(config)
     try:
@@ -103,23 +114,22 @@ def run_demo(options: DemoOptions, progress: Progress = lambda seconds, row: Non
         senses = SimulatedSenses(make_wearer, config.sensors)
 
         def finish(live: LiveBridge) -> Mapping[str, int]:
+            time.sleep(_LAST_FRAMES_S)
             device.stop()
-            unheard = max(0, live.port.counters.sent - int(device.summary.get("received", 0)))
-            return {"frames_lost": live.counters()["frames_lost"] + unheard, "frames_unheard_by_device": unheard}
+            told = device.summary
+            unheard = max(0, live.port.counters.sent - int(told.get("received", 0)))
+            lost = live.counters(int(told["send_dropped"]) if "send_dropped" in told else None)["frames_lost"]
+            return {"frames_lost": lost + unheard, "frames_unheard_by_device": unheard}
 
-        title = f"demo: simulated wearer {options.seed} against a simulated device"
-        return asyncio.run(
-            run_bridge(
-                config,
-                parts,
-                senses,
-                options.out,
-                title=title,
-                seconds=options.seconds,
-                judge=judge_by(make_wearer().truth, senses.epoch_ns),
-                progress=progress,
-                finish=finish,
-            )
+        asked = RunOptions(
+            f"demo: simulated wearer {options.seed} against a simulated device",
+            options.seconds,
+            judge=judge_by(make_wearer().truth, senses.epoch_ns),
+            finish=finish,
         )
+        outcome = asyncio.run(run_bridge(config, parts, senses, options.out, asked, watcher))
     finally:
         device.stop()
+    if device.failure:
+        raise InputError(f"the simulated device ended early: {device.failure}; saved: {outcome.recording}")
+    return outcome

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import signal
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
+from datetime import datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 from hilbridge.config import Config
 from hilbridge.errors import InputError
@@ -16,15 +19,13 @@ from hilbridge.observe.recording import BackgroundRecording
 from hilbridge.observe.report import write_report
 from hilbridge.observe.summary import Summary
 from hilbridge.priority import use_realtime_scheduling
-from hilbridge.rows import CountersRow, TickRow
+from hilbridge.rows import CountersRow, EventRow, TickRow
 from hilbridge.runtime.assemble import Parts, live_bridge, meta_row
 from hilbridge.runtime.judge import Judge
 from hilbridge.runtime.live import LiveBridge
-from hilbridge.runtime.node import Predicts
 from hilbridge.runtime.senses import Senses
 
-# Told the seconds since the start and the newest tick's row.
-Progress = Callable[[float, TickRow], None]
+RECORDING = "recording.mcap"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,45 +40,95 @@ class Outcome:
         return {**self.summary.as_json(), "recording": str(self.recording), "report": str(self.report)}
 
 
+@dataclass(frozen=True, slots=True)
+class RunOptions:
+    """How to run.
+
+    judge: None where the wearer's intention is not known. clear_latch: authenticate the clearing of a latch or stop;
+    somebody at the device has to confirm it there. finish: called when the bridge has stopped; gives counters to lay
+    over the bridge's own in the last row.
+    """
+
+    title: str
+    seconds: float | None = None
+    judge: Judge | None = None
+    clear_latch: bool = False
+    finish: Callable[[LiveBridge], Mapping[str, int]] = lambda live: {}
+
+
+class Watcher(Protocol):
+    """Whoever looks on: a terminal, or nobody."""
+
+    def tick(self, seconds: float, row: TickRow) -> None:
+        """The seconds since the start and the newest tick."""
+
+    def notice(self, text: str) -> None:
+        """A line that a person has to read now."""
+
+    def over(self, text: str) -> None:
+        """The run is over; what is being done still."""
+
+
+@contextmanager
+def run_folder(
+    kind: str, out: Path | None, *, force: bool, now: Callable[[], datetime] = datetime.now
+) -> Iterator[Path]:
+    """The folder of one run: a new one in out/, or exactly `out`. Raises InputError where it holds a recording already.
+
+    What never began leaves no folder behind.
+    """
+    if out is not None:
+        if (out / RECORDING).exists() and not force:
+            raise InputError(f"out {out}: holds a recording already; name another folder, or replace it with --force")
+        yield out
+        return
+    out = _new_folder(Path("out") / f"{kind}-{now():%Y%m%d-%H%M%S}")
+    try:
+        yield out
+    except InputError:
+        with suppress(OSError):
+            out.rmdir()
+        raise
+
+
+def _new_folder(wanted: Path) -> Path:
+    for again in range(1000):
+        folder = wanted if not again else wanted.with_name(f"{wanted.name}-{again + 1}")
+        try:
+            folder.mkdir(parents=True)
+            return folder
+        except FileExistsError:
+            continue
+        except OSError as error:
+            raise InputError(f"out {folder}: {error.strerror}; name a folder that can be written with --out") from None
+    raise InputError(f"out {wanted}: a thousand runs in one second; name a folder with --out")
+
+
 async def run_bridge(
-    config: Config,
-    parts: Parts,
-    senses: Senses,
-    folder: Path,
-    *,
-    title: str,
-    seconds: float | None = None,
-    judge: Judge | None = None,
-    progress: Progress = lambda seconds, row: None,
-    predict: Predicts | None = None,
-    finish: Callable[[LiveBridge], Mapping[str, int]] = lambda live: {},
-    clear_latch: bool = False,
+    config: Config, parts: Parts, senses: Senses, folder: Path, options: RunOptions, watcher: Watcher
 ) -> Outcome:
     """Run until `seconds` are over, a played recording ends, or SIGINT / SIGTERM; then write the report.
 
     SIGQUIT (Ctrl-\\) puts STOP on the bus: the device goes to ESTOP and stays there until it is cleared.
-
-    clear_latch: authenticate the clearing of a latch or stop; somebody at the device has to confirm it there.
-    finish: called when the bridge has stopped; gives counters to lay over the bridge's own in the last row.
     Raises InputError when the bus, the key or the senses cannot be used.
     """
-    recording = BackgroundRecording(folder / "recording.mcap")
+    recording = BackgroundRecording(folder / RECORDING)
     begin_ns = time.monotonic_ns()
 
     def on_tick(row: TickRow) -> None:
-        progress((time.monotonic_ns() - begin_ns) / 1e9, row)
+        watcher.tick((time.monotonic_ns() - begin_ns) / 1e9, row)
 
     try:
-        async with live_bridge(
-            config, parts, senses, recording.write, judge=judge, on_tick=on_tick, predict=predict
-        ) as live:
-            recording.write(meta_row(config, parts, live.port, title, time.monotonic_ns()))
-            _stop_on_signals(live)
-            if clear_latch:
-                live.node.bridge.request_clear_latch()
+        async with live_bridge(config, parts, senses, recording.write, judge=options.judge, on_tick=on_tick) as live:
+            recording.write(meta_row(config, parts, live.port, options.title, time.monotonic_ns()))
+            live.on_notice = watcher.notice
+            _obey_signals(live, recording, watcher)
+            if options.clear_latch:
+                live.request_clear_latch()
             use_realtime_scheduling()
-            await live.run(seconds)
-            last = {**live.counters(), **finish(live), "recording.lost_rows": recording.lost_rows}
+            await live.run(options.seconds)
+            watcher.over("over, writing the report")
+            last = {**live.counters(), **options.finish(live), "recording.lost_rows": recording.lost_rows}
             recording.write(CountersRow(time.monotonic_ns(), last))
     except InputError:  # it never ran: leave nothing behind
         await asyncio.to_thread(recording.discard)
@@ -87,16 +138,38 @@ async def run_bridge(
         raise group.exceptions[0] from None
     await asyncio.to_thread(recording.close)
     report = folder / "report.html"
-    summary = await asyncio.to_thread(write_report, recording.path, report)
+    try:
+        summary = await asyncio.to_thread(write_report, recording.path, report)
+    except OSError as error:
+        raise InputError(
+            f"report {report}: {error.strerror}; saved: {recording.path}, `hilbridge report` makes the page again"
+        ) from None
     return Outcome(summary, recording.path, report)
 
 
-def _stop_on_signals(live: LiveBridge) -> None:
+def _obey_signals(live: LiveBridge, recording: BackgroundRecording, watcher: Watcher) -> None:
     loop = asyncio.get_running_loop()
-    for number in (signal.SIGINT, signal.SIGTERM):
+    handlers: dict[str, Callable[[], None]] = {
+        "SIGINT": live.stop,
+        "SIGTERM": live.stop,
+        "SIGQUIT": live.request_stop_frame,  # Ctrl-\: the operator's STOP
+        "SIGTSTP": lambda: _suspend(recording, watcher),  # Ctrl-Z
+    }
+    for name, handler in handlers.items():
+        number = getattr(signal, name, None)
+        if number is None:
+            continue
         try:
-            loop.add_signal_handler(number, live.stop)
-            if hasattr(signal, "SIGQUIT"):  # Ctrl-\: the operator's STOP
-                loop.add_signal_handler(signal.SIGQUIT, live.request_stop_frame)
+            loop.add_signal_handler(number, handler)
         except (NotImplementedError, RuntimeError):  # Windows, or not the main thread: Ctrl-C raises there
             return
+
+
+def _suspend(recording: BackgroundRecording, watcher: Watcher) -> None:
+    """Stand still as told, and say what that means: to the device it is a bridge that hangs."""
+    began_ns = time.monotonic_ns()
+    recording.write(EventRow(began_ns, "suspended by the terminal"))
+    watcher.notice(f"suspended: the device follows meanwhile; saved so far: {recording.path}")
+    os.kill(os.getpid(), signal.SIGSTOP)
+    now_ns = time.monotonic_ns()
+    recording.write(EventRow(now_ns, f"suspended by the terminal: over after {(now_ns - began_ns) / 1e9:.2f} s"))

@@ -3,38 +3,55 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
-from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
 from hilbridge.doctor import Finding, Verdict
+from hilbridge.guard import Printer
 from hilbridge.observe.summary import Summary
 from hilbridge.records import Action
 from hilbridge.rows import TickRow
 from hilbridge.run import Outcome
-from hilbridge.run import Progress as OnProgress
 
 # Progress goes to stderr, so that `--json` on stdout stays one object.
-_ERR = Console(stderr=True)
+_ERR = Printer(stderr=True)
+
+
+class LiveLine:
+    """A line that says what the bridge is doing, and lines above it that stay. Only those where nobody watches."""
+
+    def __init__(self, bar: Progress | None, task: TaskID | None) -> None:
+        self._bar, self._task = bar, task
+
+    def tick(self, seconds: float, row: TickRow) -> None:
+        """Show the newest tick."""
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, completed=seconds, description="running", now=describe(row))
+
+    def notice(self, text: str) -> None:
+        """Print a line that stays."""
+        with suppress(OSError):  # the run matters more than what it says
+            console = _ERR if self._bar is None else self._bar.console
+            console.print(f"hilbridge: {escape(text)}", soft_wrap=True, highlight=False)
+
+    def over(self, text: str) -> None:
+        """Say that the run is over."""
+        if self._bar is not None and self._task is not None:
+            self._bar.update(self._task, description=text, now="")
 
 
 @contextmanager
-def live_line(seconds: float | None, quiet: bool) -> Iterator[OnProgress]:
-    """A progress line that says what the bridge is doing. Nothing where nobody watches."""
+def live_line(seconds: float | None, quiet: bool) -> Iterator[LiveLine]:
+    """The line while a run lasts."""
     if quiet or not _ERR.is_terminal:
-        yield lambda elapsed, row: None
+        yield LiveLine(None, None)
         return
     columns = [TextColumn("{task.description}"), BarColumn(24), TimeElapsedColumn(), TextColumn("{task.fields[now]}")]
     with Progress(*columns, console=_ERR, transient=True) as bar:
-        task = bar.add_task("starting", total=seconds, now="")
-
-        def show(elapsed: float, row: TickRow) -> None:
-            bar.update(task, completed=elapsed, description="running", now=describe(row))
-
-        yield show
+        yield LiveLine(bar, bar.add_task("starting", total=seconds, now=""))
 
 
 def describe(row: TickRow) -> str:
@@ -48,7 +65,7 @@ def describe(row: TickRow) -> str:
 
 def print_outcome(outcome: Outcome) -> None:
     """The summary of a run, and where its recording and report are."""
-    console = Console()
+    console = Printer()
     console.print(summary_table(outcome.summary))
     console.print(f"recording  {outcome.recording}", soft_wrap=True, highlight=False)
     console.print(f"report     {outcome.report}", soft_wrap=True, highlight=False)
@@ -108,7 +125,7 @@ def print_figures(figures: Mapping[str, float | None]) -> None:
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))
     for name, value in figures.items():
         table.add_row(f"[dim]{name}[/]", "n/a" if value is None else f"{value:.4g}")
-    Console().print(table)
+    Printer().print(table)
 
 
 _MARKS = {Verdict.WELL: "[green]well[/]", Verdict.NOTE: "[yellow]note[/]", Verdict.ILL: "[bold red]ill[/]"}
@@ -121,4 +138,4 @@ def print_findings(findings: Sequence[Finding]) -> None:
         table.add_row(_MARKS[finding.verdict], f"[bold]{finding.subject}[/]", escape(finding.text))
         if finding.cure:
             table.add_row("", "", f"[dim]->[/] {escape(finding.cure)}")
-    Console().print(table)
+    Printer().print(table)

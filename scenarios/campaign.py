@@ -7,6 +7,7 @@ what to run and keeps what came back, so that an interrupted campaign goes on wh
 from __future__ import annotations
 
 import json
+import os
 import random
 import sys
 import zlib
@@ -19,6 +20,7 @@ from typing import Any
 import joblib
 
 from hilbridge.errors import InputError
+from hilbridge.lease import end_with
 from scenarios.format.files import dump_scenario, scenario_of
 from scenarios.format.schema import Expectation, Scenario, Step
 from scenarios.format.vocabulary import FAULTS
@@ -236,13 +238,14 @@ def run_campaign(
         progress("")
     left = [sample for sample in samples if sample.key not in known]
     torn = log.exists() and not log.read_bytes().endswith(b"\n")
+    parent = os.getpid() if cluster is None else None
     with log.open("a", encoding="utf-8") as file, _workers(jobs, cluster) as workers:
         if torn:  # what an interrupted call left of its last line must not swallow the next
             file.write("\n")
         if not known and file.tell() == 0:
             file.write(json.dumps({"base": _fingerprint(base)}) + "\n")
         for start in range(0, len(left), _CHUNK):
-            for outcome in _run_chunk(workers, base, left[start : start + _CHUNK]):
+            for outcome in _run_chunk(workers, base, left[start : start + _CHUNK], parent):
                 outcomes.append(outcome)
                 file.write(json.dumps(outcome.as_json()) + "\n")
                 progress(outcome.sample.fault)
@@ -253,11 +256,22 @@ def run_campaign(
     return sorted(outcomes, key=lambda outcome: (outcome.safe, outcome.robustness))
 
 
-def _run_chunk(workers: Callable[[], joblib.Parallel], base: Scenario, chunk: Sequence[Sample]) -> list[Outcome]:
+def _leased(parent: int | None, run: Callable[[Scenario, Sample], Outcome], base: Scenario, sample: Sample) -> Outcome:
+    """In a worker, which ends with the process that has started it; a cluster's workers are the cluster's own."""
+    if parent is not None:
+        end_with(parent)
+    return run(base, sample)
+
+
+def _run_chunk(
+    workers: Callable[[], joblib.Parallel], base: Scenario, chunk: Sequence[Sample], parent: int | None
+) -> list[Outcome]:
     for attempt in range(_RETRIES + 1):
         try:
             # A new pool each time: one that has lost a worker of Ray's answers its next call with nothing at all.
-            outcomes: list[Outcome] = workers()(joblib.delayed(run_sample)(base, sample) for sample in chunk)
+            outcomes: list[Outcome] = workers()(
+                joblib.delayed(_leased)(parent, run_sample, base, sample) for sample in chunk
+            )
             if len(outcomes) != len(chunk):
                 raise RuntimeError(f"{len(outcomes)} of {len(chunk)} samples came back")
             return outcomes

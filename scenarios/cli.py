@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Annotated
@@ -12,6 +11,7 @@ from typing import Annotated
 import typer
 
 from hilbridge.errors import InputError
+from hilbridge.guard import run_guarded
 
 # The predictor's matrices are small; a second BLAS thread only takes the processor from the next scenario.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
@@ -23,8 +23,6 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-
-INTERRUPTED = 130  # the exit code of a program that Ctrl-C ended
 
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text")]
 Paths = Annotated[list[Path], typer.Argument(help="scenario files, or folders of them")]
@@ -84,12 +82,13 @@ def run(
     profile: Annotated[bool, typer.Option("--profile", help="where the time goes, part by part")] = False,
     live: Annotated[bool, typer.Option("--live", help="real processes and the real clock, on --bus")] = False,
     bus: Annotated[str | None, typer.Option(help="with --live: vcan0, hilsim:NAME, any virtual bus")] = None,
+    force: Annotated[bool, typer.Option("--force", help="with --live: replace recordings that --out holds")] = False,
     as_json: Json = False,
 ) -> None:
     """Run scenarios and judge them; exit 1 when one fails, 2 for input that cannot be used."""
     from scenarios.format.collect import collect
     from scenarios.live.possible import live_bus
-    from scenarios.runner import RunOptions, run_all, sort_out
+    from scenarios.runner import RunOptions, refuse_recorded, run_all, sort_out
     from scenarios.terminal import print_results, progress_bar
 
     spec = live_bus(bus, live=live, profile=profile)
@@ -99,6 +98,8 @@ def run(
         raise InputError(
             f"none of {len(skipped)} scenarios can run live on {spec}: {skipped[0].file}: {skipped[0].why}"
         )
+    if out is not None and spec is not None and not force:
+        refuse_recorded(out, [scenario for _, scenario in found])
     options = RunOptions(out, seed, 1 if profile else jobs, profile, spec)
     with progress_bar(len(found), quiet=as_json) as progress:
         results = run_all(found, options, progress, skipped)
@@ -177,16 +178,8 @@ def compile_(
 
 
 def main() -> None:
-    """Entry point: bad input is one line and exit code 2; Ctrl-C ends cleanly."""
-    try:
-        app()
-    except InputError as error:
-        sys.stderr.write(f"hilscenario: {error}\n")
-        raise SystemExit(2) from None
-    except SystemExit as ended:
-        if ended.code == INTERRUPTED:  # typer has caught Ctrl-C and says nothing
-            sys.stderr.write("hilscenario: stopped\n")
-        raise
+    """Entry point: every way out is one line and an exit code (`hilbridge.guard`)."""
+    run_guarded(app, "hilscenario")
 
 
 if __name__ == "__main__":

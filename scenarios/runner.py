@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import re
 import shlex
 from collections.abc import Callable, Collection, Iterator, Sequence
@@ -13,6 +14,7 @@ import joblib
 
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
+from hilbridge.lease import end_with
 from scenarios.format.files import line_of, reseeded
 from scenarios.format.schema import Scenario
 from scenarios.live.possible import impossible_live
@@ -51,6 +53,17 @@ def sort_out(
     return able, skipped
 
 
+def refuse_recorded(out: Path, scenarios: Sequence[Scenario]) -> None:
+    """A live run cannot be had again: its recording is not replaced unasked. Raises InputError.
+
+    One in virtual time is replaced, since its scenario and seed give the same bytes.
+    """
+    for scenario in scenarios:
+        recording = out / f"{file_name(scenario.name)}.mcap"
+        if recording.exists():
+            raise InputError(f"{recording}: is there already; name another folder, or replace it with --force")
+
+
 def run_all(
     found: Sequence[tuple[Path, Scenario]],
     options: RunOptions,
@@ -75,9 +88,14 @@ def run_all(
 def _outcomes(found: Sequence[tuple[Path, Scenario]], options: RunOptions) -> Iterator[Result | InputError]:
     if options.live is not None:  # real time: one after the other, and none in a pool's worker
         return (_run_one(path, scenario, options) for path, scenario in found)
-    calls = [joblib.delayed(_run_one)(path, scenario, options) for path, scenario in found]
+    calls = [joblib.delayed(_in_worker)(os.getpid(), path, scenario, options) for path, scenario in found]
     outcomes: Iterator[Result | InputError] = joblib.Parallel(n_jobs=options.jobs, return_as="generator")(calls)
     return outcomes
+
+
+def _in_worker(parent: int, path: Path, scenario: Scenario, options: RunOptions) -> Result | InputError:
+    end_with(parent)
+    return _run_one(path, scenario, options)
 
 
 def _run_one(path: Path, scenario: Scenario, options: RunOptions) -> Result | InputError:

@@ -49,18 +49,23 @@ def gaze_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None) -> Se
 
 
 def sensor_problem(sensor: SensorSeen, now_ns: int) -> str | None:
-    """Why this source cannot be believed now, or None: gone, silent for too long, or showing the same picture."""
+    """Why this source cannot be believed now, or None: gone, silent for too long, or showing the same picture.
+
+    The text is that of a state: it names the limit, not how far it is passed, which would make it new in every tick.
+    """
     if sensor.captured_ns is None:
         return f"{sensor.name} has not delivered yet"
     if not sensor.alive:
         return f"{sensor.name} is gone"
     silent_ns = now_ns - sensor.captured_ns
-    if not 0 <= silent_ns <= sensor.timeout_ns:
-        return f"{sensor.name} silent for {silent_ns // MS} ms"
+    if silent_ns < 0:
+        return f"{sensor.name} stamps lie in the future"
+    if silent_ns > sensor.timeout_ns:
+        return f"{sensor.name} silent for more than {sensor.timeout_ns // MS} ms"
     if sensor.freeze_ns is not None and sensor.changed_ns is not None:
         frozen_ns = sensor.captured_ns - sensor.changed_ns
         if frozen_ns > sensor.freeze_ns:
-            return f"{sensor.name} shows the same picture for {frozen_ns // MS} ms"
+            return f"{sensor.name} shows the same picture for more than {sensor.freeze_ns // MS} ms"
     return None
 
 

@@ -14,9 +14,12 @@ from hilbridge.records import FeatureVector, Frame
 from hilbridge.rows import CountersRow, EventRow, Row, SensorsRow, TickRow, received_row, sent_row, with_truth
 from hilbridge.runtime.device_view import DeviceView
 from hilbridge.runtime.judge import Judge
+from hilbridge.runtime.losses import Losses
 from hilbridge.runtime.node import BridgeNode
+from hilbridge.runtime.notices import DEAF_NS, Facts, Notices
 from hilbridge.runtime.phase import locks_to, next_tick
 from hilbridge.runtime.senses import Senses
+from hilbridge.sensors.source import SourceState
 
 Recorder = Callable[[Row], None]
 
@@ -27,6 +30,7 @@ class LiveBridge:
     """Runs until told to stop, until a recording that it plays ends, or until something fails.
 
     record: takes rows. judge: None where the wearer's intention is not known. on_tick: shown each row.
+    `on_notice` may be set: it is told in a line what a person at the terminal has to know (`notices`).
     """
 
     def __init__(
@@ -44,16 +48,23 @@ class LiveBridge:
         self.ticks_missed = 0
         self.tick_late_max_ms = 0.0
         self._record, self._judge, self._on_tick, self._clock_ns = record, judge, on_tick, clock_ns
+        self.on_notice: Callable[[str], None] = lambda text: None
+        self._notices = Notices()
+        self._clearing: bool | None = None  # whether a challenge to clear has been answered
         self._stopping = asyncio.Event()
         self._new_features = asyncio.Event()
         self._device = DeviceView()
         self._port_drops = 0
-        # A device that was alone on the bus had nobody to acknowledge its frames; what it lost then is counted apart.
-        self._lost_before_arming: int | None = None
+        self.losses = Losses()
 
     def stop(self) -> None:
         """End after the tick under way: one HOLD, then silence."""
         self._stopping.set()
+
+    def request_clear_latch(self) -> None:
+        """Authenticate the clearing of a latch or stop; a hand at the device has to confirm it."""
+        self._clearing = False
+        self.node.bridge.request_clear_latch()
 
     def request_stop_frame(self) -> None:
         """Put STOP on the bus: three frames, 10 ms apart. From the loop's own thread."""
@@ -128,8 +139,6 @@ class LiveBridge:
         tick = self.node.tick(vector, self.senses.seen(), now_ns)
         self._send_all(tick.frames)
         sent_ns = self._clock_ns()
-        if self._lost_before_arming is None and self.node.bridge.session.armed:
-            self._lost_before_arming = self._frames_lost()
         truth = None if self._judge is None else self._judge(now_ns, tick.decision.verb_index)
         row = replace(
             with_truth(tick.row, truth),
@@ -155,7 +164,11 @@ class LiveBridge:
             now_ns = self._clock_ns()
             decoded, answers = self.node.receive(frame, frame.received_ns or now_ns)
             self._send_all(answers)
+            if answers and self._clearing is not None:
+                self._clearing = True
             self._record(received_row(frame, None if decoded is None else decoded.name, now_ns))
+            if decoded is not None and decoded.name == "CTRL_DIAG" and decoded.signals["Index"] == "TxDropped":
+                self.losses.on_withdrawn(int(decoded.signals["TxDropped"]), self.node.wire.counters["LostFrames"])
             if decoded is not None and (row := self._device.take(decoded, now_ns)) is not None:
                 self._record(row)
 
@@ -174,31 +187,51 @@ class LiveBridge:
 
     async def _housekeep(self) -> None:
         while True:
+            self._notice()
             await asyncio.sleep(_HOUSEKEEPING_S)
             self._keep_house()
+
+    def _notice(self) -> None:
+        now_ns = self._clock_ns()
+        for text in self._notices.look(self._facts(now_ns)):
+            self._record(EventRow(now_ns, text))
+            self.on_notice(text)
+
+    def _facts(self, now_ns: int) -> Facts:
+        bridge, camera = self.node.bridge, self.senses.camera
+        device = bridge.device
+        known = device is not None and now_ns - device.received_ns < DEAF_NS
+        return Facts(
+            now_ns,
+            str(self.port.spec),
+            self.port.is_physical,
+            self.port.listen_only,
+            heard=self.port.counters.received,
+            device=(device.state, device.reason) if device is not None and known else None,
+            refused=bridge.session.refused,
+            foreign=self.node.foreign,
+            pictures=camera.cell.counts().received,
+            camera_alive=camera.state is SourceState.RUNNING,
+            clearing=self._clearing,
+        )
 
     def _keep_house(self) -> None:
         now_ns = self._clock_ns()
         self._record(SensorsRow(now_ns, self.senses.accounts()))
         self._record(CountersRow(now_ns, self.counters()))
 
-    def _frames_lost(self) -> int:
-        overflow = self.port.counters.overflow_kernel + self.port.counters.overflow_port
-        return self.node.wire.counters["LostFrames"] + overflow
-
-    def counters(self) -> dict[str, int]:
-        """Every counter of the bridge by name."""
+    def counters(self, withdrawn: int | None = None) -> dict[str, int]:
+        """Every counter of the bridge by name. `withdrawn`: the device's own last word on that, where it is known."""
         port = {f"port.{name}": value for name, value in self.port.counters.as_dict().items()}
         wire = {f"wire.{name}": value for name, value in self.node.wire.counters.items()}
         bridge = {f"bridge.{name}": value for name, value in self.node.bridge.diag.items()}
         device = {f"device.{name}": value for name, value in self.node.bridge.device_diag.items()}
-        lost = self._frames_lost()
-        before = self._lost_before_arming
+        gaps = self.node.wire.counters["LostFrames"]
         return {
             "frames_sent": self.port.counters.sent,
             "frames_received": self.port.counters.received,
-            "frames_lost": lost if before is None else lost - before,
-            "frames_lost_before_arming": before or 0,
+            "frames_lost": self.losses.lost(gaps, withdrawn),
+            "frames_lost_at_start": self.losses.before(gaps),
             "ticks_missed": self.ticks_missed,
             **bridge,
             **wire,

@@ -19,8 +19,9 @@ from hilbridge.limits import GAP_NS
 from hilbridge.records import FeatureVector, Frame, GateDecision, HoldReason, IntentEstimate
 from hilbridge.rows import TickRow
 from hilbridge.runtime.health import SensorSeen, first_problem
+from hilbridge.runtime.spells import Spell
 from hilbridge.verbs import VERBS
-from hilbridge.wire.codec import Decoded
+from hilbridge.wire.codec import Decoded, RejectReason
 from hilbridge.wire.link import WireLink
 
 # Reasons to hold that are faults of the bridge's own sight, not a change of the wearer's mind (docs/decisions/001).
@@ -86,11 +87,14 @@ class BridgeNode:
         self._estimate: IntentEstimate | None = None
         self._vector: FeatureVector | None = None
         self._said: dict[str, object] = {}
+        self._sensor_trouble = Spell()
+        self.foreign = 0  # frames of others under identifiers that only this bridge may send
 
     def receive(self, frame: Frame, now_ns: int) -> tuple[Decoded | None, list[Frame]]:
         """Take in one frame: what it said (None when it was rejected, and counted) and what must be answered at once."""
         outcome = self.wire.decode(frame)
         if not isinstance(outcome, Decoded):
+            self.foreign += outcome.reason is RejectReason.UNKNOWN_ID and outcome.name is not None
             return None, []
         answers = self.bridge.on_message(outcome.name, outcome.signals, outcome.counter, now_ns)
         if outcome.name == "CTRL_STATUS":
@@ -111,7 +115,7 @@ class BridgeNode:
         """One 25 Hz tick. `vector` is the newest features not yet seen, or None."""
         self.bridge.begin_tick(now_ns)
         problem = first_problem(sensors, now_ns)
-        self._say("sensors", problem, now_ns, f"sensors: {problem or 'well'}")
+        self._say_sensors(problem, now_ns)
         if vector is not None:
             self._take(vector, now_ns)
         veto = self._veto(problem, now_ns)
@@ -151,6 +155,10 @@ class BridgeNode:
         if self._vector is not None and self._estimate is None:
             return HoldReason.WARMING_UP
         return None
+
+    def _say_sensors(self, problem: str | None, now_ns: int) -> None:
+        if (told := self._sensor_trouble.look(problem, now_ns)) is not None:
+            self._on_event(now_ns, f"sensors: {told}")
 
     def _say(self, subject: str, value: object, now_ns: int, text: str) -> None:
         if self._said.get(subject, self) != value:

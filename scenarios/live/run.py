@@ -93,7 +93,7 @@ def live_trace(scenario: Scenario, happened: Happened) -> Trace:
 
 def last_counters(happened: Happened) -> dict[str, int]:
     """The bridge's counters, summed over all its processes; one that was killed had told them up to a second before."""
-    total: dict[str, int] = {"wire.LostFrames": 0}
+    total: dict[str, int] = {"frames_lost": 0}
     last: dict[str, int] = {}
     for row in happened.bridge_rows:
         if isinstance(row, MetaRow):  # the next process
@@ -129,7 +129,7 @@ def all_counters(happened: Happened) -> dict[str, int]:
     said = {f"device.{name}": value for name, value in summary.items() if isinstance(value, int)}
     rejected = {f"device.rejected_{why}": count for why, count in summary.get("rejected", {}).items()}
     bridge = last_counters(happened)
-    lost = int(summary.get("lost_frames", 0)) + bridge["wire.LostFrames"]
+    lost = int(summary.get("lost_frames", 0)) + bridge["frames_lost"]
     return {
         **bridge,
         **said,

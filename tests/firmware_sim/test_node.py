@@ -316,7 +316,8 @@ def test_main_runs_and_ends_with_a_summary(
 @pytest.mark.parametrize(
     ("arguments", "cure"),
     [
-        (["--bus", "nosuchcan9"], "ip link set nosuchcan9 up"),
+        (["--bus", "nosuchcan9"], "--bus hilsim:demo"),
+        (["--bus", "udp_multicast:239.74.163.2"], "gives a node its own frames back"),
         (["--bus", "virtual:x", "--key-file", "/nonexistent/key"], "no such key file"),
         (["--bus", "virtual:x", "--json-log", "/nonexistent/log"], "log cannot be written"),
     ],

@@ -94,7 +94,7 @@ def test_ctrl_c_ends_a_campaign_with_one_line_and_keeps_what_it_has(tmp_path: Pa
         os.killpg(process.pid, signal.SIGINT)
         said = process.communicate(timeout=60)[1]
     assert process.returncode == 130
-    assert said.splitlines()[-1] == "hilscenario: stopped"
+    assert said.splitlines()[-1] == "hilscenario: interrupted"
     assert "Traceback" not in said
 
 

@@ -261,6 +261,7 @@ def _start_server(name: str, bitrate: int, data_bitrate: int) -> subprocess.Pope
     environment["PYTHONPATH"] = os.pathsep.join(filter(None, [root, environment.get("PYTHONPATH")]))
     command = [sys.executable, "-m", "hilbridge.bus.simulated.server", name]
     command += ["--bitrate", str(bitrate), "--data-bitrate", str(data_bitrate)]
+    command += ["--starter", str(os.getpid())]
     process = subprocess.Popen(
         command,
         env=environment,

@@ -10,6 +10,7 @@ import argparse
 import contextlib
 import ctypes
 import json
+import os
 import select
 import socket
 import sys
@@ -37,7 +38,7 @@ from hilbridge.bus.simulated.protocol import (
 from hilbridge.priority import Level, use_realtime_scheduling
 
 NS_PER_S = 1_000_000_000
-DEFAULT_LINGER_S = 5.0
+DEFAULT_LINGER_S = 1.0  # a bus on which nobody is left is gone within two seconds
 _FIRST_CLIENT_WAIT_S = 30.0
 _READS_PER_TURN = 64
 _TURN_S = 0.1
@@ -57,8 +58,10 @@ class BusServer:
         medium: Medium,
         *,
         linger_s: float | None = DEFAULT_LINGER_S,
+        orphaned: Callable[[], bool] = lambda: False,
         clock: Callable[[], int] = time.monotonic_ns,
     ) -> None:
+        """`orphaned`: whether the process that has started this one is gone; asked while nobody is attached."""
         self.name = name
         self.medium = medium
         self._clock = clock
@@ -66,6 +69,7 @@ class BusServer:
         self._idle_until_ns = clock() + int(max(linger_s or 0, _FIRST_CLIENT_WAIT_S) * NS_PER_S)
         self._reception = Reception(name, listener, medium)
         self._by_node = self._reception.by_node
+        self._orphaned = orphaned
         self._stopped = False
 
     def stop(self) -> None:
@@ -77,13 +81,22 @@ class BusServer:
         try:
             while not self._stopped:
                 now_ns = self._clock()
-                if not self._by_node and self._linger_ns is not None and now_ns > self._idle_until_ns:
+                if not self._by_node and self._linger_ns is not None and self._unwanted(now_ns):
                     return
                 self._dispatch(now_ns)
                 self._drop_closed(now_ns)
                 self._wait()
         finally:
             self._reception.close()
+
+    def _unwanted(self, now_ns: int) -> bool:
+        """Nobody came for long, or whoever this was started for has died before it could come."""
+        if now_ns > self._idle_until_ns:
+            return True
+        soon_ns = now_ns + (self._linger_ns or 0)
+        if self._idle_until_ns > soon_ns and self._orphaned():
+            self._idle_until_ns = soon_ns
+        return False
 
     def _wait(self) -> None:
         # A sleep ends late by some ten microseconds, a frame lasts a quarter millisecond: wake early, then look often.
@@ -236,12 +249,13 @@ def serve(
     data_bitrate: int = 2_000_000,
     linger_s: float | None = None,
     ready: Callable[[], None] | None = None,
+    orphaned: Callable[[], bool] = lambda: False,
 ) -> None:
     """Serve the simulated bus `name` in this thread until nobody has been attached for `linger_s` (None: for ever).
 
     `ready` is called once clients can attach. Raises BusNameTaken (an OSError) where another process serves it.
     """
-    server = BusServer(name, claim(name), Medium(bitrate, data_bitrate), linger_s=linger_s)
+    server = BusServer(name, claim(name), Medium(bitrate, data_bitrate), linger_s=linger_s, orphaned=orphaned)
     if ready is not None:
         ready()
     server.run()
@@ -263,6 +277,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--bitrate", type=int, default=500_000)
     parser.add_argument("--data-bitrate", type=int, default=2_000_000)
     parser.add_argument("--linger", type=float, default=DEFAULT_LINGER_S, help="seconds to stay without a client")
+    parser.add_argument("--starter", type=int, help="process that this is started for")
     options = parser.parse_args(arguments)
     _wake_promptly()
     try:
@@ -271,6 +286,7 @@ def main(arguments: list[str] | None = None) -> int:
             bitrate=options.bitrate,
             data_bitrate=options.data_bitrate,
             linger_s=options.linger,
+            orphaned=lambda: options.starter is not None and os.getppid() != options.starter,
             ready=lambda: print("serving", options.name, flush=True),  # noqa: T201 - whoever started it may wait for this
         )
     except BusNameTaken:

@@ -28,6 +28,7 @@ from hilbridge.learning.experiments.closed_loop import (
 from hilbridge.learning.experiments.real_sections import real_sections
 from hilbridge.learning.experiments.report import Section, as_row, curve_figure, reliability_figure, write_report
 from hilbridge.learning.experiments.targets import target_section
+from hilbridge.lease import end_with
 from hilbridge.wearer.timeline import DEMO
 
 Say = Callable[[str], None]
@@ -132,6 +133,7 @@ def _undisturbed(parent: int, function: Callable[..., Any], arguments: tuple[Any
     """Call `function` in a worker that leaves Ctrl-C to its parent; with one worker that is the parent itself."""
     if os.getpid() != parent:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
+        end_with(parent)
     return function(*arguments)
 
 

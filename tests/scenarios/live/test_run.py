@@ -57,7 +57,7 @@ def test_a_fault_that_never_took_effect_fails_a_live_run_too() -> None:
 
 def test_lost_frames_are_summed_over_a_bridge_that_was_started_again() -> None:
     made = happened()
-    first, second, third = (CountersRow(1, {"wire.LostFrames": lost}) for lost in (2, 3, 4))
+    first, second, third = (CountersRow(1, {"frames_lost": lost}) for lost in (2, 3, 4))
     made.bridge_rows += [MetaRow(1), first, second, MetaRow(1), third]
     made.device_summary = {"lost_frames": 10}
     assert judge_live(scenario(), made, (), 1.0, "here").result.figures["frames_lost"] == 17.0
