@@ -27,8 +27,6 @@ STILL_OVER = {
     "tests/firmware_sim/test_deadlines.py",
     "tests/firmware_sim/test_latches.py",
     "tests/firmware_sim/test_node.py",
-    "tests/firmware_sim/test_torque.py",
-    "tests/safety/mutation.py",
 }
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef
