@@ -46,7 +46,7 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "hilbridge/core/gate.py": ("core/test_gate.py",),
     "hilbridge/core/session.py": ("core/test_session.py", "core/test_both_ends.py"),
     "hilbridge/core/deadline.py": ("core/test_deadline.py",),
-    "hilbridge/core/bridge.py": ("core/test_bridge.py", "core/test_both_ends.py"),
+    "hilbridge/core/bridge.py": ("core/test_bridge.py", "core/test_bridge_arming.py", "core/test_both_ends.py"),
     "hilbridge/wire/codec.py": ("wire/test_codec.py", "wire/test_dbc.py", "wire/test_link.py"),
     "hilbridge/wire/dbc.py": ("wire/test_dbc.py", "wire/test_codec.py"),
     "hilbridge/wire/link.py": ("wire/test_link.py",),
