@@ -1,8 +1,10 @@
 """Writes recordings: MCAP with JSON messages, so that Foxglove, `mcap` and ten lines of Python can read them.
 
 A recording survives its writer: it is written in place, in chunks of a second at most, each handed to the system at
-once. Whatever ends the process, what stands in the file up to the last chunk can be read (`observe.reading`). Log times
-are the monotonic stamps of what happened, so the same run in virtual time gives the same bytes.
+once. Whatever ends the process, what stands in the file up to the last chunk can be read (`observe.reading`).
+
+Log times are the monotonic stamps of what happened, publish times the wall clock where the run's MetaRow knows it. In
+virtual time they are the same, so the same run gives the same bytes.
 """
 
 from __future__ import annotations
@@ -20,7 +22,7 @@ from mcap.writer import CompressionType, Writer
 
 from hilbridge.errors import InputError
 from hilbridge.priority import Level, take_level
-from hilbridge.rows import Row, encode, json_schema
+from hilbridge.rows import MetaRow, Row, encode, json_schema
 
 # A minute of everything the bridge says. A disk that is slower than that loses rows, which are counted and shown.
 _QUEUE_ROWS = 20_000
@@ -56,10 +58,13 @@ class Recording:
         self._channels: dict[str, int] = {}
         self._sequence = 0
         self._chunk_from_ns: int | None = None
+        self._wall_minus_log_ns = 0
 
     def write(self, row: Row) -> None:
         """Append one row. Equal rows are equal bytes. Raises OSError where the disk is full or gone."""
         topic = row.topic
+        if isinstance(row, MetaRow):
+            self._wall_minus_log_ns = row.wall_minus_monotonic_ns or 0
         channel = self._channels.get(topic)
         if channel is None:
             schema = json.dumps(json_schema(topic)).encode()
@@ -71,7 +76,8 @@ class Recording:
             self.flush()
             self._chunk_from_ns = row.time_ns
         self._sequence += 1
-        self._writer.add_message(channel, row.time_ns, encode(row), row.time_ns, self._sequence)
+        published_ns = row.time_ns + self._wall_minus_log_ns
+        self._writer.add_message(channel, row.time_ns, encode(row), published_ns, self._sequence)
 
     def flush(self) -> None:
         """End the chunk under way, so that what was written so far survives this process."""

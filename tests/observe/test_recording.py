@@ -5,11 +5,12 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 from hilbridge.errors import InputError
 from hilbridge.observe.reading import read_recording
 from hilbridge.observe.recording import BackgroundRecording, Recording
-from hilbridge.rows import CanRow, Direction, EventRow
+from hilbridge.rows import CanRow, Direction, EventRow, MetaRow
 
 FRAME = CanRow(1, Direction.RX, 96, b"\x00\xff")
 
@@ -96,3 +97,12 @@ def test_a_folder_that_cannot_be_made_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(InputError, match="name a folder that can be written"):
         Recording(tmp_path / "file" / "run" / "a.mcap")
+
+
+def test_publish_times_are_of_the_wall_clock_where_it_is_known(tmp_path: Path) -> None:
+    with Recording(tmp_path / "a.mcap") as recording:
+        recording.write(MetaRow(5, wall_minus_monotonic_ns=1_000))
+        recording.write(EventRow(7, "x"))
+    with (tmp_path / "a.mcap").open("rb") as file:
+        stamps = [(message.log_time, message.publish_time) for _, _, message in make_reader(file).iter_messages()]
+    assert stamps == [(5, 1_005), (7, 1_007)]
