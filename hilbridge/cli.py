@@ -219,13 +219,15 @@ def report(
 ) -> None:
     """Make the report of a recording again, and print its summary."""
     from hilbridge.observe.report import write_report
+    from hilbridge.terminal import print_summary
 
     target = out or recording.with_name("report.html")
     summary = write_report(recording, target)
     if as_json:
         _print_json({**summary.as_json(), "report": str(target)})
     else:
-        typer.echo(f"report: {target}")
+        print_summary(summary)
+        typer.echo(f"report     {target}")
 
 
 register(app)

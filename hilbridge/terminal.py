@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING
 
 from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskID, TextColumn, TimeElapsedColumn
 from rich.table import Table
 
-from hilbridge.doctor import Finding, Verdict
 from hilbridge.guard import Printer
 from hilbridge.observe.summary import Summary
 from hilbridge.records import Action
 from hilbridge.rows import TickRow
-from hilbridge.run import Outcome
+
+if TYPE_CHECKING:  # they load drivers of buses and cameras, which a report does without
+    from hilbridge.doctor import Finding
+    from hilbridge.run import Outcome
 
 # Progress goes to stderr, so that `--json` on stdout stays one object.
 _ERR = Printer(stderr=True)
@@ -63,10 +66,15 @@ def describe(row: TickRow) -> str:
     return f"[yellow]HOLD[/] {row.reason}  {likely}  device {device}"
 
 
+def print_summary(summary: Summary) -> None:
+    """The figures of a recording, one a line, and what it lacks where it is not whole."""
+    Printer().print(summary_table(summary))
+
+
 def print_outcome(outcome: Outcome) -> None:
     """The summary of a run, and where its recording and report are."""
+    print_summary(outcome.summary)
     console = Printer()
-    console.print(summary_table(outcome.summary))
     console.print(f"recording  {outcome.recording}", soft_wrap=True, highlight=False)
     console.print(f"report     {outcome.report}", soft_wrap=True, highlight=False)
 
@@ -128,7 +136,7 @@ def print_figures(figures: Mapping[str, float | None]) -> None:
     Printer().print(table)
 
 
-_MARKS = {Verdict.WELL: "[green]well[/]", Verdict.NOTE: "[yellow]note[/]", Verdict.ILL: "[bold red]ill[/]"}
+_MARKS = {"well": "[green]well[/]", "note": "[yellow]note[/]", "ill": "[bold red]ill[/]"}
 
 
 def print_findings(findings: Sequence[Finding]) -> None:
