@@ -174,3 +174,25 @@ def test_a_signed_value_comes_out_of_its_bits(word: int, value: int) -> None:
 def test_the_shipped_file_is_beside_the_code_and_says_what_the_one_in_dbc_says() -> None:
     assert default_dbc_path().name == "iassistadl.dbc"
     assert default_dbc_path().read_text() == (ROOT / "dbc" / "iassistadl.dbc").read_text()
+
+
+def test_without_a_range_the_bits_are_the_range_and_offsets_count(tmp_path: Path) -> None:
+    path = tmp_path / "site.dbc"
+    text = default_dbc_path().read_text()
+    for old, new in (
+        ("[0|100]", "[0|0]"),
+        ("[-1024|1022]", "[0|0]"),
+        ("(0.25,-30) [-30|225.75]", "(0.25,-30.5) [0|225.25]"),
+        ("BO_ 32 CTRL_EMCY", 'BO_ 1000 SITE: 1 BRIDGE\n SG_ X : 1|7@1+ (1,0) [0|0] "" CONTROLLER\n\nBO_ 32 CTRL_EMCY'),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    path.write_text(text)
+    messages = Codec(path).messages
+    confidence = messages["ACT_CMD"].signals[2]
+    angle, velocity = messages["CTRL_MEAS"].groups[0][:2]
+    assert (confidence.name, confidence.lowest, confidence.highest) == ("Confidence", 0, 127)
+    assert (velocity.name, velocity.lowest, velocity.highest) == ("Velocity", -512, 511)
+    assert (angle.offset, angle.lowest, angle.highest) == (-30.5, 122, 1023)
+    # A message without E2E has no header: its first bit is one like any other, and unused here.
+    assert messages["SITE"].contents[None].reserved_bits == 1

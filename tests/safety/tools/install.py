@@ -34,7 +34,9 @@ class _Finder(importlib.abc.MetaPathFinder):
     def find_spec(self, name: str, path: object, target: object = None) -> importlib.machinery.ModuleSpec | None:
         if name != self.name:
             return None
-        return importlib.machinery.ModuleSpec(name, _Loader(self.code), origin=str(self.path))
+        spec = importlib.machinery.ModuleSpec(name, _Loader(self.code), origin=str(self.path))
+        spec.has_location = True  # a module that looks for a file beside itself needs its `__file__`
+        return spec
 
 
 def install(target: str, mutant: Mutant) -> bool:
