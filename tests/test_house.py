@@ -23,10 +23,6 @@ BY_NAME = {"hilbridge/bus/simulated/interface.py: __init__"}  # python-can's own
 STILL_OVER = {
     "hilbridge/run.py: run_bridge",
     "hilbridge/runtime/assemble.py: live_bridge",
-    "tests/firmware_sim/test_commands.py",
-    "tests/firmware_sim/test_deadlines.py",
-    "tests/firmware_sim/test_latches.py",
-    "tests/firmware_sim/test_node.py",
 }
 
 Function = ast.FunctionDef | ast.AsyncFunctionDef

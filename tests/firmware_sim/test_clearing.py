@@ -9,11 +9,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from firmware_sim.clearing import BRIDGE, HAND, HOLD, REST, awaited
-from firmware_sim.controller import step
 from firmware_sim.law.memory import Torque
 from firmware_sim.memory import ControllerState, Inputs
 from firmware_sim.secoc import DEMO_KEY
 from firmware_sim.states import State
+from tests.safety.stepping import step
 
 
 def stopped(**more: object) -> ControllerState:

@@ -28,7 +28,10 @@ from tests.safety.tools.mutants import Mutant, mutants
 
 ROOT = Path(__file__).parents[2]
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.json")
-_DEVICE = ("test_deadlines.py", "test_latches.py", "test_commands.py", "test_frames_and_e2e.py", "test_edges.py")
+_DEVICE = (
+    *("test_deadlines.py", "test_latches.py", "test_commands.py", "test_frames_and_e2e.py", "test_edges.py"),
+    *("test_receive.py", "test_watchdogs.py", "test_arming.py"),
+)
 _LAW = ("test_torque_vectors.py", "test_torque.py")
 LAW = ("allowance", "damping", "filters", "guidance", "memory", "numbers", "support")
 # What is mutated, and the tests for lines that run at import, which no test can be seen to run through.
@@ -39,9 +42,9 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "firmware_sim/watchdogs.py": _DEVICE,
     "firmware_sim/torque.py": _LAW,
     **{f"firmware_sim/law/{part}.py": (*_LAW, f"law/test_{part}.py") for part in LAW},
-    "firmware_sim/transmit.py": ("test_transmit.py", "test_node.py", "test_latches.py"),
+    "firmware_sim/transmit.py": ("test_transmit.py", "test_node.py", "test_cycles.py", "test_latches.py"),
     "firmware_sim/states.py": ("test_states.py", "wire/test_conformance.py", "test_latches.py"),
-    "firmware_sim/e2e.py": ("test_frames_and_e2e.py", "test_edges.py", "wire/test_conformance.py", "test_commands.py"),
+    "firmware_sim/e2e.py": ("test_frames_and_e2e.py", "test_edges.py", "wire/test_conformance.py", "test_receive.py"),
     "firmware_sim/secoc.py": ("test_frames_and_e2e.py", "wire/test_secoc.py", "wire/test_keys.py", "test_commands.py"),
     "hilbridge/core/gate.py": ("core/test_gate.py",),
     "hilbridge/core/session.py": ("core/test_session.py", "core/test_both_ends.py"),
