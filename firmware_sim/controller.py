@@ -1,4 +1,4 @@
-"""The controller's 1 kHz step: (state, inputs, now) -> (state, outputs). No clock, no bus, no I/O, integers only.
+"""The controller's 1 kHz step, `advance`: state, inputs and the time change the state. No clock, no bus, no I/O, integers only.
 
 Order within a tick: device faults, frames in the order of their arrival, deadlines, torque, transmission. So a command
 can never outrun a fault of the same tick, and what is sent describes the tick's end. Nearly all ticks bring no frame and
@@ -6,8 +6,6 @@ end no deadline; what is asked in every one is asked by plain comparison.
 """
 
 from __future__ import annotations
-
-from copy import copy
 
 from firmware_sim import torque, watchdogs
 from firmware_sim.law.filters import track
@@ -18,33 +16,25 @@ from firmware_sim.memory import (
     COUNT_TX_DROPPED,
     ControllerState,
     Inputs,
-    Outputs,
     count,
 )
 from firmware_sim.profiles import profile
 from firmware_sim.receive import authorisation_missing, receive
 from firmware_sim.selftest import passed
-from firmware_sim.states import ASSIST, BOOT, ESTOP, PASSIVE, RAMP_DOWN, SELFTEST, TABLE, Event, Reason
+from firmware_sim.states import ASSIST, BOOT, ESTOP, PASSIVE, RAMP_DOWN, SELFTEST, Event, Reason
 from firmware_sim.transitions import SELF_TEST_MS, bus_off, command_overdue, disarm, fire, trip
 from firmware_sim.transmit import send_cyclic
 
 _NO_FOLLOW = frozenset({BOOT, SELFTEST, PASSIVE})
 _PLANT_FAULTS = frozenset({Reason.TORQUE_TRACKING, Reason.JOINT_SPEED, Reason.RANGE_OF_MOTION})
-_SENSORS_GOOD = Event.SENSORS_GOOD
-
-
-def step(before: ControllerState, inputs: Inputs, now_ms: int) -> tuple[ControllerState, Outputs]:
-    """One tick. `now_ms` is the device's own time and grows by one per tick; a gap of 5 ms or more latches.
-
-    `before` is not touched. Never raises on anything that comes from the bus.
-    """
-    state = copy(before)
-    advance(state, inputs, now_ms)
-    return state, Outputs(state.outbox, state.torque.assist_unm, state.torque.gravity_unm, state.follow_unm)
 
 
 def advance(state: ControllerState, inputs: Inputs, now_ms: int) -> None:
-    """The tick of `step` in place, for whoever has no use for the state before; the outputs are to be found in it."""
+    """One tick, in place; frames to send and the parts of torque are to be found in the state then.
+
+    `now_ms` is the device's own time and grows by one per tick; a gap of 5 ms or more latches. Never raises on anything
+    that comes from the bus.
+    """
     began = state.state
     state.outbox = ()
     _device_faults(state, inputs, now_ms)
@@ -80,8 +70,7 @@ def _device_faults(state: ControllerState, inputs: Inputs, now_ms: int) -> None:
             fire(state, Event.SENSORS_BAD, Reason.SENSOR_IMPLAUSIBLE, now_ms)
         return
     state.healthy_ticks += 1
-    # True in nearly every tick, and of use in PASSIVE alone.
-    if state.healthy_ticks >= watchdogs.HEALTHY_TICKS and TABLE[state.state][_SENSORS_GOOD] is not state.state:
+    if state.state is PASSIVE and state.healthy_ticks >= watchdogs.HEALTHY_TICKS:
         fire(state, Event.SENSORS_GOOD, Reason.SENSOR_IMPLAUSIBLE, now_ms)
     limits = state.limits
     astray = abs(inputs.commanded_unm - inputs.measured_unm) > limits.tracking_limit_unm

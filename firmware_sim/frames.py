@@ -1,6 +1,6 @@
 """The device's own bit codec: what the controller reads from and writes to the bus, by hand, as firmware would.
 
-It does not read the DBC; tests/test_wire_conformance.py and dbc/golden_frames.json hold the two together. All values
+It does not read the DBC; tests/wire/test_conformance.py and dbc/golden_frames.json hold the two together. All values
 are raw integers; a field is (name, first bit, bits, lowest, highest, allowed values or None), bits counted little
 endian over the whole frame, so that payload starts at bit 24, after CRC and counter.
 """

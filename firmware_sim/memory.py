@@ -6,9 +6,7 @@ which is copied with it. Integers throughout: ms of the device's own clock, mdeg
 
 from __future__ import annotations
 
-from copy import copy
-from dataclasses import dataclass, field, fields
-from operator import attrgetter
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 from firmware_sim.e2e import Receiver
@@ -59,15 +57,6 @@ class Inputs:
     local_clear: bool = False
     stall_ticks: int = 0
     tx_dropped: int = 0
-
-
-class Outputs(NamedTuple):
-    """What one tick puts out: frames to send in order, and the three parts of torque, kept apart."""
-
-    frames: tuple[tuple[int, bytes], ...]
-    assist_unm: int
-    gravity_unm: int
-    follow_unm: int
 
 
 class PendingAct(NamedTuple):
@@ -143,15 +132,6 @@ class ControllerState:
     diag_index: int = 0
     emergencies: int = 0
     follow_unm: int = 0  # of this tick
-
-    def __copy__(self) -> ControllerState:
-        """A state of its own, its torque included; quicker than the default copy."""
-        copied = ControllerState(*_memory(self))
-        copied.torque = copy(self.torque)
-        return copied
-
-
-_memory = attrgetter(*(field.name for field in fields(ControllerState)))
 
 
 def count(state: ControllerState, index: int, amount: int = 1) -> None:

@@ -1,4 +1,4 @@
-"""Verb -> assist profile (PROTOCOL, last table). The numbers await clinical sign-off; nobody has worn them.
+"""Verb -> assist profile (docs/safety.md). The numbers await clinical sign-off; nobody has worn them.
 
 Integers throughout: damping in mN m s/rad, torque in uN m, times in ms, gravity in percent. `band_per_mille` is the
 coefficient of the 1 kHz low pass whose residue is damped: 2 pi f / 1000 for a corner at f; 0 damps the whole velocity.

@@ -1,4 +1,4 @@
-"""Every limit of the safety contract and the pure questions asked of it (PROTOCOL, table of watchdogs).
+"""Every limit of the safety contract and the pure questions asked of it (docs/protocol.md, "Numbers").
 
 A watchdog *expires* when the limit is reached; a bound on freshness *holds* up to and including its limit. All times
 are the device's own milliseconds. The numbers here are constants: no configuration switches a watchdog off.

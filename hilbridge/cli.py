@@ -156,14 +156,13 @@ def doctor(
 @app.command()
 def bench(as_json: Json = False) -> None:
     """Measure prediction, tick, codec, bus, import and memory on this machine."""
-    from hilbridge.bench import run_bench
-    from hilbridge.bus.bench import measure
+    from hilbridge.bench import bus_across_processes, bus_in_process, run_bench
     from hilbridge.terminal import print_figures, status
 
     with status("measuring", quiet=as_json) as show:
         figures = run_bench(show=show).as_json()
         show("the simulated bus")
-        figures |= measure()
+        figures |= bus_in_process() | bus_across_processes()
     if as_json:
         _print_json(figures)
     else:

@@ -5,11 +5,11 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated
 
 import typer
 
-from hilbridge.errors import InputError
+from hilbridge.errors import InputError, needs_extra
 
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text")]
 BundleFile = Annotated[Path | None, typer.Option("--bundle", help="model bundle; default: the one that ships")]
@@ -35,13 +35,16 @@ def train(
     seed: Annotated[int, typer.Option(min=0)] = 0,
 ) -> None:
     """Train, calibrate and choose thresholds; write one bundle. An interrupted run goes on where it was."""
-    learning = _learning("hilbridge.learning.training.make_bundle")
-    recipe = replace(learning.DEMO_RECIPE, seed=seed)
+    with needs_extra("train"):
+        from hilbridge.learning.training import make_bundle
+        from hilbridge.learning.training.recipes import DEMO_RECIPE
+
+    recipe = replace(DEMO_RECIPE, seed=seed)
     try:
-        config = learning.TrainConfig(
+        config = make_bundle.TrainConfig(
             out=out, work=work, wearer=wearer, people=people, seconds=seconds, precision=precision, recipe=recipe
         )
-        typer.echo(f"bundle: {learning.train(config)}")
+        typer.echo(f"bundle: {make_bundle.train(config)}")
     except ValueError as error:
         raise InputError(str(error)) from None
 
@@ -52,7 +55,9 @@ def evaluate(
     workers: Annotated[int, typer.Option(min=1, help="processes")] = 2,
 ) -> None:
     """Run experiments E1 to E5 and write one HTML report with tables beside the paper's figures."""
-    evaluation = _learning("hilbridge.learning.experiments.evaluate")
+    with needs_extra("train"):
+        from hilbridge.learning.experiments import evaluate as evaluation
+
     try:
         result = evaluation.evaluate(data, out, workers=workers, say=lambda line: typer.echo(line, err=True))
     except ValueError as error:
@@ -72,18 +77,20 @@ def certify(
     from hilbridge.intent.bundle import demo_bundle_path
     from hilbridge.terminal import counting
 
-    commands = _learning("hilbridge.learning.certificate.certify_bundle")
+    with needs_extra("train"):
+        from hilbridge.learning.certificate import certify_bundle as certifying
+
     try:
-        config = commands.CertifyConfig(
+        config = certifying.CertifyConfig(
             bundle=bundle or demo_bundle_path(),
             precision=precision,
             delta=delta,
-            method=commands.method_named(method),
+            method=certifying.method_named(method),
             people=people,
             write=write,
         )
         with counting("simulated people", people) as step:
-            result = commands.certify_bundle(config, progress=step)
+            result = certifying.certify_bundle(config, progress=step)
     except ValueError as error:
         raise InputError(str(error)) from None
     typer.echo("\n".join(result.lines()))
@@ -100,7 +107,7 @@ def data_describe(path: Annotated[Path, typer.Argument(help="the data set's fold
     except ValueError as error:
         raise InputError(str(error)) from None
     if as_json:
-        typer.echo(json.dumps(summary.as_json(), sort_keys=True, allow_nan=False))
+        typer.echo(json.dumps(summary.as_json()))
     else:
         typer.echo("\n".join(summary.lines()))
 
@@ -112,20 +119,12 @@ def data_pack(
     """Run gaze and videos through the feature chain once and keep feature_packs/SESSION.npz; what is there is kept."""
     from hilbridge.terminal import counting
 
-    packs = _learning("hilbridge.learning.data.packs")
+    with needs_extra("train"):
+        from hilbridge.learning.data import packs
+
     try:
         with counting("sessions", packs.missing(path)) as step:
             made = packs.make_packs(path, hands, step, lambda line: typer.echo(line, err=True))
     except ValueError as error:
         raise InputError(str(error)) from None
     typer.echo(f"{len(made)} packs written under {path / 'feature_packs'}")
-
-
-def _learning(module: str) -> Any:
-    """A module that needs the extra `train`. Raises InputError where that is not installed."""
-    import importlib
-
-    try:
-        return importlib.import_module(module)
-    except ModuleNotFoundError as error:
-        raise InputError(f"{error.name} is not installed; add it with `pip install 'hilbridge[train]'`") from None

@@ -14,6 +14,7 @@ from typing import Annotated
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from hilbridge.errors import InputError
+from hilbridge.limits import FREEZE_LIMIT_MAX_MS, FREEZE_LIMIT_MS, REFRACTORY_MS, SENSING_LIMIT_MS, SENSOR_TIMEOUT_MS
 
 
 class _Part(BaseModel):
@@ -31,11 +32,11 @@ class SensorsConfig(_Part):
     hands: bool = Field(True, description="find hands with MediaPipe (extra `hands`)")
     hand_model: str | None = Field(None, description="hand_landmarker.task; default: the user's data folder")
     loop: bool = Field(False, description="start a recording again at its end")
-    camera_timeout_ms: Annotated[int, Field(gt=0, le=150)] = 120
-    gaze_timeout_ms: Annotated[int, Field(gt=0, le=150)] = 120
-    freeze_ms: Annotated[int, Field(gt=0, le=500, description="identical pictures for so long are a frozen camera")] = (
-        150
-    )
+    camera_timeout_ms: Annotated[int, Field(gt=0, le=SENSING_LIMIT_MS)] = SENSOR_TIMEOUT_MS
+    gaze_timeout_ms: Annotated[int, Field(gt=0, le=SENSING_LIMIT_MS)] = SENSOR_TIMEOUT_MS
+    freeze_ms: Annotated[
+        int, Field(gt=0, le=FREEZE_LIMIT_MAX_MS, description="identical pictures for so long are a frozen camera")
+    ] = FREEZE_LIMIT_MS
 
 
 class ModelConfig(_Part):
@@ -51,8 +52,8 @@ class GateSection(_Part):
     tau_off: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
     alpha: Annotated[float, Field(gt=0.0, le=1.0)] = 0.2
     top_k: Annotated[int, Field(ge=1, le=21)] = 3
-    refractory_ms: Annotated[int, Field(ge=0, le=10_000)] = 240
-    max_age_ms: Annotated[int, Field(gt=0, le=150)] = 150
+    refractory_ms: Annotated[int, Field(ge=0, le=10_000)] = REFRACTORY_MS
+    max_age_ms: Annotated[int, Field(gt=0, le=SENSING_LIMIT_MS)] = SENSING_LIMIT_MS
 
     @model_validator(mode="after")
     def _band(self) -> GateSection:

@@ -1,5 +1,25 @@
 """The one kind of error that is the user's to mend: its text is one line that names the thing and the cure."""
 
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 
 class InputError(ValueError):
     """Something given from outside cannot be used. The command line prints the text and exits with 2."""
+
+
+@contextmanager
+def needs_extra(extra: str) -> Iterator[None]:
+    """Imports inside may fail where an optional dependency is absent. Raises InputError naming the package and the extra.
+
+    A module of the project that is missing is a defect, not an absent extra, and is raised as it is.
+    """
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        package = (error.name or "").partition(".")[0]
+        if package in ("", "hilbridge", "scenarios"):
+            raise
+        raise InputError(f"{package} is not installed; add it with `pip install 'hilbridge[{extra}]'`") from None

@@ -29,5 +29,5 @@ VERBS: tuple[str, ...] = (
 )
 OTHER = VERBS.index("other")
 
-# Verbs the device never assists (PROTOCOL: Move Around, other, unknown are HOLD).
+# Verbs the device never assists (docs/protocol.md: Move Around, other, unknown are HOLD).
 NEVER_ASSISTED = frozenset({VERBS.index("Move Around"), OTHER})

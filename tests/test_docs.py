@@ -10,6 +10,7 @@ from hilbridge.config import Config, load_config
 from scenarios.format.files import load_scenario
 from scenarios.format.schema import FIGURES
 from scenarios.lockstep.run import run_scenario
+from tests import protocol_page
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -27,9 +28,38 @@ def test_the_configuration_page_names_every_key_and_its_example_is_accepted(tmp_
 
 
 def test_links_between_documents_lead_somewhere() -> None:
-    for document in [ROOT / "README.md", *(ROOT / "docs").rglob("*.md")]:
+    for document in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]:
         for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text(encoding="utf-8")):
             assert (document.parent / target).exists(), f"{document.name} links to {target}"
+
+
+def test_nothing_refers_to_a_document_that_a_clone_lacks() -> None:
+    absent = re.compile(r"\bPROTOCOL(?:\.md)?\b(?!\s*=)|\bDESIGN(?:\.md)?\b|\b[Ii]ssues? \d|house-moves|(?<!\w)/work/")
+    named = re.compile(r"(?<![\w/])docs/[\w./-]*\w")
+    for path in _texts():
+        text = path.read_text(encoding="utf-8")
+        found = [match[0] for match in absent.finditer(text)]
+        for target in named.findall(text):
+            if not (ROOT / target).exists() and not list(
+                (ROOT / "docs" / "decisions").glob(f"{Path(target).name}-*.md")
+            ):
+                found.append(target)
+        assert not found, f"{path.relative_to(ROOT)} refers to {found}"
+
+
+def _texts() -> list[Path]:
+    """The project's own texts; this file has the words it looks for."""
+    folders = ("hilbridge", "firmware_sim", "scenarios", "tests", "docs", "dbc")
+    endings = (".py", ".md", ".dbc", ".yaml", ".html", ".c")
+    inside = [path for folder in folders for path in (ROOT / folder).rglob("*") if path.suffix in endings]
+    above = [*ROOT.glob("*.md"), ROOT / "pyproject.toml", ROOT / "Makefile"]
+    return [path for path in (*inside, *above) if path != Path(__file__).resolve()]
+
+
+def test_the_protocol_page_says_what_the_code_does() -> None:
+    page = protocol_page.PAGE.read_text(encoding="utf-8")
+    assert protocol_page.written(page) == page, "run `python -m tests.protocol_page`"
+    assert set(re.findall(r"<!-- from the code: (\w+) -->", page)) == set(protocol_page.BLOCKS)
 
 
 def test_the_scenario_page_has_an_example_that_runs_and_names_every_signal_and_figure(tmp_path: Path) -> None:

@@ -7,9 +7,10 @@ import sys
 
 import pytest
 
-from tests.safety import campaign, checking, corruption, forgery, fuzz, harm, replay
+from tests.safety import campaign, checking, harm
 from tests.safety.mutation import ROOT
 from tests.safety.table import Row, Scale, printed
+from tests.safety.wire import corruption, forgery, fuzz, replay
 
 requirement = pytest.mark.requirement
 QUICK = Scale(quick=True)

@@ -17,8 +17,8 @@ from typing import Any
 from hilbridge.bus.model.bits import INTERMISSION_BITS, frame_length
 from hilbridge.bus.model.frames import WireFrame, arbitration_key
 from hilbridge.errors import InputError
+from hilbridge.limits import MS
 
-NS_PER_MS = 1_000_000
 NS_PER_S = 1_000_000_000
 EVENT_DISTANCE_MS = 10.0  # the protocol repeats STOP every 10 ms; nothing is sent faster on purpose
 MIN_BITRATE, MAX_BITRATE = 10_000, 1_000_000
@@ -169,8 +169,8 @@ def streams_of_dbc(path: Path, *, event_distance_ms: float = EVENT_DISTANCE_MS) 
                 arbitration_key(frame),
                 message.length,
                 worst_frame_bits(message.length, extended=message.is_extended_frame),
-                int(cycle_ms * NS_PER_MS),
-                int(deadline_ms * NS_PER_MS),
+                int(cycle_ms * MS),
+                int(deadline_ms * MS),
                 is_event=not message.cycle_time,
             )
         )
@@ -197,11 +197,11 @@ def report(streams: Sequence[Stream], bitrate: int, *, error_interval_ns: int | 
                 "id": stream.can_id,
                 "payload_bytes": stream.payload_bytes,
                 "frame_bits": stream.frame_bits,
-                "period_ms": stream.period_ns / NS_PER_MS,
+                "period_ms": stream.period_ns / MS,
                 "period_assumed": stream.is_event,
-                "deadline_ms": stream.deadline_ns / NS_PER_MS,
-                "worst_case_latency_ms": None if worst is None else worst / NS_PER_MS,
-                "margin_ms": None if margin is None else margin / NS_PER_MS,
+                "deadline_ms": stream.deadline_ns / MS,
+                "worst_case_latency_ms": None if worst is None else worst / MS,
+                "margin_ms": None if margin is None else margin / MS,
                 "meets_deadline": margin is not None and margin >= 0,
             }
         )
@@ -217,7 +217,7 @@ def analyse(path: Path, bitrate: int, *, error_interval_ms: float | None = None)
     """`report` for a DBC file and a bit rate in bit/s. Raises InputError."""
     if not MIN_BITRATE <= bitrate <= MAX_BITRATE:
         raise InputError(f"bit rate {bitrate}: classical CAN has 10000 to 1000000 bit/s; give --bitrate 500000")
-    interval_ns = None if error_interval_ms is None else int(error_interval_ms * NS_PER_MS)
+    interval_ns = None if error_interval_ms is None else int(error_interval_ms * MS)
     return report(streams_of_dbc(path), bitrate, error_interval_ns=interval_ns)
 
 

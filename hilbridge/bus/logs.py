@@ -11,7 +11,7 @@ from typing import Any
 
 import can
 
-from hilbridge.errors import InputError
+from hilbridge.errors import InputError, needs_extra
 from hilbridge.records import Frame
 
 SUFFIXES = (".log", ".asc", ".blf", ".mf4")
@@ -21,10 +21,8 @@ def _check(path: Path) -> None:
     if path.suffix.lower() not in SUFFIXES:
         raise InputError(f"{path}: not a CAN log by its name; use one of {', '.join(SUFFIXES)}")
     if path.suffix.lower() == ".mf4":
-        try:
+        with needs_extra("mdf"):
             import asammdf  # noqa: F401
-        except ImportError as error:
-            raise InputError(f"{path}: MF4 needs asammdf; pip install 'hilbridge[mdf]'") from error
 
 
 def read_log(path: Path) -> Iterator[Frame]:

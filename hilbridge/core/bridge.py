@@ -1,4 +1,4 @@
-"""The bridge's half of the bus protocol, as a pure machine: messages and ticks in, frames out (PROTOCOL.md, issue 3).
+"""The bridge's half of the bus protocol, as a pure machine: messages and ticks in, frames out (docs/protocol.md).
 
 It turns the gate's wish into ACT_CMD and ACT_AUTH, and whatever is wrong on the bus into a named veto for the gate.
 The frames come back in the order in which they must be sent; nothing is ever sent by a periodic task of a library, so
@@ -14,22 +14,36 @@ from typing import NamedTuple, Protocol
 
 from hilbridge.core.deadline import Deadline
 from hilbridge.core.session import Crypto, Purpose, Session
+from hilbridge.limits import (
+    AGE_STEP_MS,
+    AGE_UNKNOWN_MS,
+    HEARTBEAT_NS,
+    MS,
+    OVERRUN_NS,
+    PROTOCOL_VERSION,
+    SENSING_LIMIT_MS,
+    STATUS_LIMIT_NS,
+    STOP_GAP_NS,
+    STOP_REPEATS,
+    TICK_NS,
+)
 from hilbridge.records import Action, Frame, GateDecision, HoldReason
 from hilbridge.verbs import OTHER, VERBS
 
-MS = 1_000_000
-TICK_NS = 40 * MS
-# A tick that comes a whole period late is an overrun: what it would say was decided for another moment.
-OVERRUN_NS = 2 * TICK_NS
-STATUS_LIMIT_NS = 60 * MS
-HEARTBEAT_NS = 100 * MS  # at most: on the grid of the ticks that is every second one, 80 ms
-STOP_REPEATS = 3
-STOP_GAP_NS = 10 * MS
-SENSING_LIMIT_MS = 150
-AGE_UNKNOWN_MS = 510
-PROTOCOL_VERSION = 1
 _UNREADY = ("Boot", "SelfTest", "Follow", "RampDown")
 _FAULTS = ("Passive", "Latched")
+# What the bridge itself counts, by name of BRIDGE_DIAG.
+_COUNTED = [
+    "TxQueueFull",
+    "TxBusDown",
+    "SessionsDropped",
+    "Overruns",
+    "TickLateMaxUs",
+    "BusState",
+    "Acts",
+    "Holds",
+    "StatusSilences",
+]
 
 Value = int | float | str
 
@@ -46,9 +60,6 @@ class BridgeState(StrEnum):
 
     STARTING = "Starting"
     RUNNING = "Running"
-    STOPPING = "Stopping"
-    LISTEN_ONLY = "ListenOnly"
-    FAULT = "Fault"
 
 
 class DeviceStatus(NamedTuple):
@@ -95,8 +106,8 @@ def sensing_age_ms(oldest_input_ns: int | None, now_ns: int) -> int:
     """Age of the newest feature vector's oldest input in ms, rounded up to the wire's 2 ms; 510 is unknown or older."""
     if oldest_input_ns is None or oldest_input_ns > now_ns:
         return AGE_UNKNOWN_MS
-    steps = -((oldest_input_ns - now_ns) // (2 * MS))
-    return min(2 * steps, AGE_UNKNOWN_MS)
+    steps = -((oldest_input_ns - now_ns) // (AGE_STEP_MS * MS))
+    return min(AGE_STEP_MS * steps, AGE_UNKNOWN_MS)
 
 
 class Bridge:
@@ -121,20 +132,7 @@ class Bridge:
         self.emergencies: list[tuple[int, str, str]] = []
         self.command = Command(Action.HOLD, "None", HoldReason.NO_ESTIMATE, 0)
         self.stopped = False
-        self.diag: dict[str, int] = dict.fromkeys(
-            (
-                "TxQueueFull",
-                "TxBusDown",
-                "SessionsDropped",
-                "Overruns",
-                "TickLateMaxUs",
-                "BusState",
-                "Acts",
-                "Holds",
-                "StatusSilences",
-            ),
-            0,
-        )
+        self.diag = dict.fromkeys(_COUNTED, 0)
         self._status = Deadline(STATUS_LIMIT_NS)
         self._last_tick_ns: int | None = None
         self._overrun = False
@@ -329,7 +327,7 @@ class Bridge:
             # Again and again: the first request of a bridge started anew may be taken for a repetition.
             self._clear_asked = True
             return self._sendable("ARM_REQUEST", self.session.request(Purpose.CLEAR_LATCH, self._nonce(), now_ns))
-        if self._clear_asked and not latched:
+        if self._clear_asked:  # and answered: what was to be cleared is no more
             self._clear_wanted = self._clear_asked = False
         if self._config.arm and self.device.state in ("Follow", "Ready"):
             return self._sendable("ARM_REQUEST", self.session.request(Purpose.ARM, self._nonce(), now_ns))

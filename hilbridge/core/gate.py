@@ -17,10 +17,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
+from hilbridge.limits import MS, REFRACTORY_MS, SENSING_LIMIT_NS
 from hilbridge.records import Action, GateDecision, HoldReason, IntentEstimate
 from hilbridge.verbs import NEVER_ASSISTED
-
-MS = 1_000_000
 
 # After these the belief starts from nothing: what was smoothed before a gap says nothing about the time after it.
 _FORGETS = frozenset(
@@ -42,7 +41,7 @@ class GateConfig:
     alpha: weight of the newest window in the moving average of class probabilities, 0 < alpha <= 1.
     top_k: the acting verb must be among so many of the newest window.
     refractory_ns: after any switch, confidence cannot switch again for so long.
-    max_age_ns: oldest input an ACT may stand on (PROTOCOL: 150 ms).
+    max_age_ns: oldest input an ACT may stand on (the contract: 150 ms).
 
     Raises ValueError naming the field, its value and what is allowed.
     """
@@ -51,8 +50,8 @@ class GateConfig:
     tau_off: float
     alpha: float = 0.2
     top_k: int = 3
-    refractory_ns: int = 240 * MS
-    max_age_ns: int = 150 * MS
+    refractory_ns: int = REFRACTORY_MS * MS
+    max_age_ns: int = SENSING_LIMIT_NS
 
     def __post_init__(self) -> None:
         if not 0.0 < self.tau_on <= 1.0:
@@ -65,7 +64,7 @@ class GateConfig:
             raise ValueError(f"top_k = {self.top_k}: must be at least 1")
         if self.refractory_ns < 0:
             raise ValueError(f"refractory_ns = {self.refractory_ns}: must not be negative")
-        if not 0 < self.max_age_ns <= 150 * MS:
+        if not 0 < self.max_age_ns <= SENSING_LIMIT_NS:
             raise ValueError(f"max_age_ns = {self.max_age_ns}: must be above 0 and at most 150 ms (safety contract)")
 
 

@@ -1,5 +1,7 @@
 """The bridge's side of arming: request, challenge, response, and the freshness that every ACT uses up.
 
+Theory of operation: the bridge asks once it knows the device's boot nonce and MAC failures; the device answers with a
+nonce of its own; the bridge proves that it knows the key; CTRL_STATUS confirms. Then each ACT uses up one freshness value.
 A session is lost on any doubt and armed anew from nothing; nothing of an old one can be used in the next. Pure: nonces
 and cryptography are handed in, time is an argument (monotonic ns).
 """
@@ -9,12 +11,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Protocol
 
-MS = 1_000_000
-CHALLENGE_WAIT_NS = 300 * MS
-# The device publishes its MAC failures once a second: before trying again, find out whether the key was at fault. A
-# third failure would latch it.
-CONFIRM_WAIT_NS = 1_200 * MS
-FRESHNESS_LIMIT = 0xFFFFFFFF
+from hilbridge.limits import CHALLENGE_WAIT_NS, CONFIRM_WAIT_NS, FRESHNESS_LIMIT
 
 
 class Phase(StrEnum):

@@ -14,9 +14,9 @@ from hilbridge.features.gaze import GazeFilter
 from hilbridge.features.hands import HandState, HandTracker
 from hilbridge.features.layout import FRAME, GAZE, HANDS, PATCH, D
 from hilbridge.features.scene import scene_features
+from hilbridge.limits import SENSING_LIMIT_NS
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample, HandTracks
 
-MAX_FRAME_AGE_NS = 150_000_000
 _NO_HAND = (0.0,) * 5
 LIMIT = 20.0  # picture widths per second; faster is a defect of the input, not a movement
 
@@ -45,7 +45,7 @@ class FeatureAssembler:
         values = np.zeros(D, dtype=np.float32)
         look = self._gaze.update(gaze, now_ns)
         slots = self._hands.update(hands, now_ns)
-        seen = frame is not None and now_ns - frame.captured_ns <= MAX_FRAME_AGE_NS
+        seen = frame is not None and now_ns - frame.captured_ns <= SENSING_LIMIT_NS
         stamps: list[int] = []
         if look is not None:
             values[GAZE] = _limited(look.x, look.y, 1.0, look.dx, look.dy)

@@ -10,15 +10,14 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from hilbridge.features.kalman import StillPoint
+from hilbridge.features.kalman import ConstantPositionFilter
+from hilbridge.limits import GAZE_COAST_NS, SENSING_LIMIT_NS
 from hilbridge.records import GazeSample
 
 REFERENCE_PX = 1280.0
 Q_PX2_PER_S = 4.0 / 0.005
 R_PX2 = 60.0
 CHI2_SACCADE = 16.0
-MAX_COAST_NS = 100_000_000
-MAX_AGE_NS = 150_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +35,7 @@ class GazeFilter:
     """One wearer's gaze. `update` once per step; None back means gaze is not valid at this step."""
 
     def __init__(self) -> None:
-        self._filter: StillPoint | None = None
+        self._filter: ConstantPositionFilter | None = None
         self._stepped_ns = 0
         self._seen_ns: int | None = None
         self._position: tuple[float, float] | None = None
@@ -51,7 +50,7 @@ class GazeFilter:
         Coasts through blinks of up to 100 ms; never lets a NaN, an infinity or a point far outside the picture in.
         """
         fresh = sample is not None and usable(sample, now_ns) and sample.captured_ns != self._seen_ns
-        if self._seen_ns is not None and now_ns - self._seen_ns > MAX_COAST_NS and not fresh:
+        if self._seen_ns is not None and now_ns - self._seen_ns > GAZE_COAST_NS and not fresh:
             # The stamp stays: a frozen tracker's last sample must not count as a new one.
             self._filter = None
             self._position = None
@@ -71,9 +70,9 @@ class GazeFilter:
         self._seen_ns = sample.captured_ns
         self._stepped_ns = now_ns
 
-    def _measure(self, kalman: StillPoint, sample: GazeSample) -> None:
+    def _measure(self, kalman: ConstantPositionFilter, sample: GazeSample) -> None:
         x_px, y_px = sample.x * REFERENCE_PX, sample.y * REFERENCE_PX
-        if kalman.surprise(x_px, y_px) > CHI2_SACCADE:
+        if kalman.normalised_innovation_squared(x_px, y_px) > CHI2_SACCADE:
             self._filter = _settled_at(sample)
         else:
             kalman.update(x_px, y_px)
@@ -100,9 +99,9 @@ def usable(sample: GazeSample, now_ns: int) -> bool:
         and math.isfinite(sample.y)
         and -1.0 <= sample.x <= 2.0
         and -1.0 <= sample.y <= 2.0
-        and now_ns - sample.captured_ns <= MAX_AGE_NS
+        and now_ns - sample.captured_ns <= SENSING_LIMIT_NS
     )
 
 
-def _settled_at(sample: GazeSample) -> StillPoint:
-    return StillPoint(sample.x * REFERENCE_PX, sample.y * REFERENCE_PX, Q_PX2_PER_S, R_PX2)
+def _settled_at(sample: GazeSample) -> ConstantPositionFilter:
+    return ConstantPositionFilter(sample.x * REFERENCE_PX, sample.y * REFERENCE_PX, Q_PX2_PER_S, R_PX2)

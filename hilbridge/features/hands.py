@@ -13,16 +13,15 @@ from dataclasses import dataclass
 from functools import lru_cache
 from itertools import permutations
 
-from hilbridge.features.kalman import MovingPoint
+from hilbridge.features.kalman import ConstantVelocityFilter
 from hilbridge.features.layout import MAX_HANDS
+from hilbridge.limits import HAND_COAST_NS, SENSING_LIMIT_NS
 from hilbridge.records import Hand, HandTracks
 
 MEASUREMENT_SD = 0.012  # of the picture: MediaPipe's palm centre scatters by about 1 %
 VELOCITY_VARIANCE = 0.5  # of a hand just found, picture widths per second squared
 ACCELERATION_SD_PER_S2 = 3.0  # reaching peaks at a few picture widths per second squared
 MATCH_DISTANCE = 0.35  # further than a hand moves in one step: another hand
-MAX_COAST_NS = 160_000_000
-MAX_AGE_NS = 150_000_000
 MIN_SCORE = 0.3
 # A detector that sees more hands than this in one picture is not to be believed, nor to be waited for.
 MAX_CANDIDATES = 8
@@ -41,7 +40,9 @@ class HandState:
 
 class _Track:
     def __init__(self, hand: Hand, captured_ns: int) -> None:
-        self.point = MovingPoint(hand.x, hand.y, ACCELERATION_SD_PER_S2, MEASUREMENT_SD**2, VELOCITY_VARIANCE)
+        self.point = ConstantVelocityFilter(
+            hand.x, hand.y, ACCELERATION_SD_PER_S2, MEASUREMENT_SD**2, VELOCITY_VARIANCE
+        )
         self.stepped_ns = captured_ns
         self.seen_ns = captured_ns
 
@@ -78,10 +79,14 @@ class HandTracker:
 
         Returns one entry per slot, or None when the hand detector itself is silent or stale (modality invalid).
         """
-        fresh = tracks is not None and tracks.captured_ns != self._seen_ns and now_ns - tracks.captured_ns <= MAX_AGE_NS
+        fresh = (
+            tracks is not None
+            and tracks.captured_ns != self._seen_ns
+            and now_ns - tracks.captured_ns <= SENSING_LIMIT_NS
+        )
         if fresh and tracks is not None:
             self._seen_ns = tracks.captured_ns
-        if self._seen_ns is None or now_ns - self._seen_ns > MAX_AGE_NS:
+        if self._seen_ns is None or now_ns - self._seen_ns > SENSING_LIMIT_NS:
             self.reset()
             return None
         for track in self._slots:
@@ -90,7 +95,7 @@ class HandTracker:
         if fresh and tracks is not None:
             self._associate([hand for hand in tracks.hands if _usable(hand)], now_ns)
         for slot, track in enumerate(self._slots):
-            if track is not None and now_ns - track.seen_ns > MAX_COAST_NS:
+            if track is not None and now_ns - track.seen_ns > HAND_COAST_NS:
                 self._slots[slot] = None
         return tuple(None if track is None else track.state() for track in self._slots)
 

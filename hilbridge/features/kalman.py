@@ -12,7 +12,7 @@ from functools import lru_cache
 from filterpy.common import Q_discrete_white_noise
 
 
-class StillPoint:
+class ConstantPositionFilter:
     """A constant position: it only wanders. Starts at a measurement, as sure of it as of any."""
 
     def __init__(self, x: float, y: float, wander_per_s: float, measurement_variance: float) -> None:
@@ -24,7 +24,7 @@ class StillPoint:
         """Time passes."""
         self.variance += self._wander_per_s * elapsed_s
 
-    def surprise(self, x: float, y: float) -> float:
+    def normalised_innovation_squared(self, x: float, y: float) -> float:
         """Chi-square (two degrees of freedom) of a measurement."""
         return ((x - self.x) ** 2 + (y - self.y) ** 2) / (self.variance + self._measurement_variance)
 
@@ -36,7 +36,7 @@ class StillPoint:
         self.variance *= 1.0 - gain
 
 
-class MovingPoint:
+class ConstantVelocityFilter:
     """A constant velocity, pushed by random accelerations. Starts at a measurement, its velocity unknown."""
 
     def __init__(

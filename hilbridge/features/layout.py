@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from hilbridge.limits import TICK_NS
 from hilbridge.records import Modality
 
 HUE_BINS = 12
@@ -19,7 +20,7 @@ SATURATION_BINS = 4
 VALUE_BINS = 4
 MAX_HANDS = 2
 RATE_HZ = 25.0
-STEP_NS = 40_000_000
+STEP_NS = TICK_NS
 
 
 @dataclass(frozen=True, slots=True)

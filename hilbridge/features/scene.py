@@ -26,7 +26,7 @@ _HUE_BIN = np.minimum(np.arange(256) * HUE_BINS // 180, HUE_BINS - 1).astype(np.
 # The edges between the bins of a channel, one below the other.
 _SATURATION_EDGES = (np.arange(1, SATURATION_BINS) * 256 // SATURATION_BINS).astype(np.uint8)[:, None]
 _VALUE_EDGES = (np.arange(1, VALUE_BINS) * 256 // VALUE_BINS).astype(np.uint8)[:, None]
-# Neighbours count into tables of their own: adding to one number again and again waits for itself.
+# Partial histograms of their own avoid a store-to-load dependency: neighbouring pixels often have the same colour.
 _TABLES = 4
 
 Plane = NDArray[np.uint8] | NDArray[np.uint16]

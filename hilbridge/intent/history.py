@@ -1,4 +1,4 @@
-"""What was done before as a prior for what comes next, taken from what the system itself believed (issue 6).
+"""What was done before as a prior for what comes next, taken from what the system itself believed.
 
 Nobody labels the wearer's actions while the bridge runs, so the history is a distribution: the forward recursion of a
 hidden Markov chain whose transitions come from annotated sessions and whose evidence is the sensors' own posterior,

@@ -1,4 +1,4 @@
-"""The tremor guard: confidence must not survive an involuntary oscillation of the hands (issue 6).
+"""The tremor guard: confidence must not survive an involuntary oscillation of the hands.
 
 Under tremor the network sees hands that reach and withdraw several times a second and can be confident about nothing.
 The guard looks at the tracked hand positions themselves: band-passed from 3 to 11.5 Hz, the median magnitude over the

@@ -1,4 +1,4 @@
-"""Metrics with fixed definitions (issue 6). Confidence is of the top class; `right` says whether that class was right.
+"""Metrics with fixed definitions. Confidence is of the top class; `right` says whether that class was right.
 
 References: ECE Guo 2017; debiased mean-square error Kumar 2019; smooth ECE Blasiok & Nakkiran 2023; AURC Geifman 2018;
 AUGRC Traub 2024.

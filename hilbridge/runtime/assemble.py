@@ -10,14 +10,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from hilbridge.bus.port.asyncio_port import BusPort, PortState
+from hilbridge.bus.port.asyncio_port import BusPort
+from hilbridge.bus.port.state import PortState
 from hilbridge.config import BusConfig, Config, GateSection
 from hilbridge.core.bridge import Bridge, BridgeConfig
-from hilbridge.core.gate import MS, GateConfig
+from hilbridge.core.gate import GateConfig
 from hilbridge.errors import InputError
 from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
 from hilbridge.intent.predictor import Predictor
 from hilbridge.intent.tremor import TremorGuard
+from hilbridge.limits import MS
 from hilbridge.rows import EventRow, MetaRow, TickRow
 from hilbridge.runtime.judge import Judge
 from hilbridge.runtime.live import LiveBridge, Recorder

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hilbridge.config import SensorsConfig
+from hilbridge.limits import MS
 from hilbridge.records import CameraFrame
 
-MS = 1_000_000
 _PROBE_STEP_PX = 16  # every 16th pixel both ways: enough to tell two pictures apart, nothing to compute
 
 

@@ -7,8 +7,9 @@ import time
 from collections.abc import Callable
 from dataclasses import replace
 
-from hilbridge.bus.port.asyncio_port import BusPort, PortState, SendResult
-from hilbridge.core.bridge import STOP_GAP_NS, STOP_REPEATS
+from hilbridge.bus.port.asyncio_port import BusPort
+from hilbridge.bus.port.state import PortState, SendResult
+from hilbridge.limits import STOP_GAP_NS, STOP_REPEATS, TICK_GRACE_NS
 from hilbridge.records import FeatureVector, Frame
 from hilbridge.rows import CountersRow, EventRow, Row, SensorsRow, TickRow, received_row, sent_row, with_truth
 from hilbridge.runtime.device_view import DeviceView
@@ -16,7 +17,7 @@ from hilbridge.runtime.judge import Judge
 from hilbridge.runtime.losses import Losses
 from hilbridge.runtime.node import BridgeNode
 from hilbridge.runtime.notices import DEAF_NS, Facts, Notices
-from hilbridge.runtime.phase import GRACE_NS, locks_to, next_tick
+from hilbridge.runtime.phase import locks_to, next_tick
 from hilbridge.runtime.senses import Senses
 from hilbridge.sensors.source import SourceState
 
@@ -108,7 +109,7 @@ class LiveBridge:
         first = True  # the features seen next are the first
         while not self._stopping.is_set():
             await self._sleep_until(due_ns)
-            vector = await self._features(due_ns + GRACE_NS if lock else due_ns)
+            vector = await self._features(due_ns + TICK_GRACE_NS if lock else due_ns)
             now_ns = self._clock_ns()
             if self.senses.ended or (end_ns is not None and now_ns >= end_ns):
                 return

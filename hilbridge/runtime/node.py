@@ -15,6 +15,7 @@ from hilbridge.core import gate
 from hilbridge.core.bridge import Bridge
 from hilbridge.core.gate import GateConfig, GateState
 from hilbridge.core.session import Session
+from hilbridge.limits import GAP_NS
 from hilbridge.records import FeatureVector, Frame, GateDecision, HoldReason, IntentEstimate
 from hilbridge.rows import TickRow
 from hilbridge.runtime.health import SensorSeen, first_problem
@@ -23,9 +24,6 @@ from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Decoded, RejectReason
 from hilbridge.wire.link import WireLink
 
-MS = 1_000_000
-# After a longer gap the window would join moments that do not belong together, so belief starts anew.
-GAP_NS = 150 * MS
 # Reasons to hold that are faults of the bridge's own sight, not a change of the wearer's mind (docs/decisions/001).
 _BLIND = frozenset({HoldReason.OVERRUN, HoldReason.NO_ESTIMATE, HoldReason.STALE, HoldReason.SENSOR_MISSING})
 

@@ -9,10 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-MS = 1_000_000
-PERIOD_NS = 40 * MS
-# A locked tick may come so much later than planned; two ticks are then at most 64 ms apart, far from any watchdog.
-GRACE_NS = 24 * MS
+from hilbridge.limits import MS, TICK_NS
 
 _TARGET_WAIT_NS = 1 * MS  # about the jitter of a steady detector; a tick that comes before its picture waits for it
 _GAIN = 0.25
@@ -22,7 +19,7 @@ _RATE_TOLERANCE = 0.02
 
 def locks_to(camera_fps: float) -> bool:
     """True where the camera's rate is the tick's within 2 %, so that a fixed phase exists."""
-    return abs(camera_fps * PERIOD_NS / 1e9 - 1.0) <= _RATE_TOLERANCE
+    return abs(camera_fps * TICK_NS / 1e9 - 1.0) <= _RATE_TOLERANCE
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,13 +40,13 @@ def next_tick(due_ns: int, now_ns: int, ready_ns: int | None, *, first: bool = F
     steer = 0
     if ready_ns is not None:
         error = due_ns - ready_ns - _TARGET_WAIT_NS
-        if error > PERIOD_NS // 2:  # nearer to a picture that is still to come
-            error = (error + PERIOD_NS // 2) % PERIOD_NS - PERIOD_NS // 2
+        if error > TICK_NS // 2:  # nearer to a picture that is still to come
+            error = (error + TICK_NS // 2) % TICK_NS - TICK_NS // 2
         # One late picture says little of the next, so it counts as one that came just in time.
         gentle = int(-_GAIN * max(error, -_TARGET_WAIT_NS))
         steer = -error if first else max(-_MAX_STEER_NS, min(_MAX_STEER_NS, gentle))
-    planned = due_ns + PERIOD_NS + steer
+    planned = due_ns + TICK_NS + steer
     if planned > now_ns:  # where first features came long after the tick was due, the periods between are missed, too
-        return TickPlan(planned, max(0, (planned - due_ns) // PERIOD_NS - 1))
-    missed = (now_ns - planned) // PERIOD_NS + 1
-    return TickPlan(planned + missed * PERIOD_NS, missed)
+        return TickPlan(planned, max(0, (planned - due_ns) // TICK_NS - 1))
+    missed = (now_ns - planned) // TICK_NS + 1
+    return TickPlan(planned + missed * TICK_NS, missed)

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from hilbridge.errors import InputError
+from hilbridge.errors import InputError, needs_extra
 from hilbridge.records import CameraFrame, Hand, HandTracks
 
 # Landmarks whose mean is the palm's centre: wrist and the five finger bases.
@@ -30,11 +30,8 @@ class HandDetector:
     def __init__(self, model: Path, *, max_hands: int = 2, min_score: float = 0.5) -> None:
         if not model.is_file():
             raise InputError(f"hand model {model}: not there; get it once with `hilbridge fetch-models`")
-        try:
-            with _quiet_stderr():
-                import mediapipe as mp
-        except ImportError:
-            raise InputError("mediapipe is not installed; add it with `pip install -e '.[hands]'`") from None
+        with needs_extra("hands"), _quiet_stderr():
+            import mediapipe as mp
         vision = mp.tasks.vision
         options = vision.HandLandmarkerOptions(
             base_options=mp.tasks.BaseOptions(model_asset_path=str(model)),

@@ -13,10 +13,11 @@ from functools import lru_cache
 
 import numpy as np
 
+from hilbridge.limits import MS
 from hilbridge.records import CameraFrame, GazeSample, Hand, HandTracks, StampSource
 from hilbridge.wearer.noise import Noise
 from hilbridge.wearer.render import Scene, draw
-from hilbridge.wearer.timeline import COLOURS, DEMO, MS, Difficulty, Event, Timeline
+from hilbridge.wearer.timeline import COLOURS, DEMO, Difficulty, Event, Timeline
 
 Point = tuple[float, float]
 

@@ -3,7 +3,7 @@
 Transitions, durations and gaps follow aggregates of the real annotations (statistics.json). Every action is prepared
 before its onset; what the preparation *shows* is the true verb with a chance that is the action's clarity, and
 otherwise a verb drawn from the prior. With prior pi, shown verb s and clarity a the Bayes posterior is therefore
-exactly `a * [k = s] + (1 - a) * pi_k`: the difficulty is set by construction (issue 6).
+exactly `a * [k = s] + (1 - a) * pi_k`: the difficulty is set by construction.
 """
 
 from __future__ import annotations
@@ -16,7 +16,8 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import NDArray
 
-MS = 1_000_000
+from hilbridge.limits import MS
+
 MIN_INTERVAL_MS = 2_200  # between onsets: so that every preparation reaches into the window that ends 0.5 s before
 MIN_DURATION_MS = 800
 MAX_DURATION_MS = 12_000

@@ -71,8 +71,7 @@ class Signal:
             if self.codes is None or value not in self.codes:
                 raise ValueError(f"{self.name} = {value!r}: not in the value table of the DBC")
             return self.codes[value]
-        raw = value if self.scale == 1 and self.offset == 0 else (value - self.offset) / self.scale
-        raw = round(raw)
+        raw = round((value - self.offset) / self.scale)
         if not self.lowest <= raw <= self.highest or (self.names is not None and raw not in self.names):
             raise ValueError(f"{self.name} = {value}: outside what the DBC allows")
         return raw
@@ -120,9 +119,8 @@ class Message:
 
 
 def default_dbc_path() -> Path:
-    """The shipped DBC: beside this file in an installed package, in dbc/ in a checkout."""
-    beside = Path(__file__).with_name("iassistadl.dbc")
-    return beside if beside.is_file() else Path(__file__).parents[2] / "dbc" / "iassistadl.dbc"
+    """The shipped DBC: a file beside this one in an installed package, a link to dbc/ in a checkout."""
+    return Path(__file__).with_name("iassistadl.dbc")
 
 
 def _signal(signal: Any) -> Signal:
@@ -176,7 +174,7 @@ def _content(signals: tuple[Signal, ...], length: int, header_bits: int) -> Cont
 
 
 def read_message(message: Any, path: Path) -> Message:
-    attributes = {name: entry.value for name, entry in (message.dbc.attributes or {}).items()}
+    attributes = {name: entry.value for name, entry in message.dbc.attributes.items()}
     if any(signal.byte_order != "little_endian" for signal in message.signals):
         raise DbcError(f"{path}: message {message.name} has big-endian signals; make them little endian (@1)")
     header = [(s.start, s.length) for s in message.signals if s.name in ("CRC", "Counter")]

@@ -15,7 +15,6 @@ _REJECTS = {
     CheckStatus.WRONG_SEQUENCE: RejectReason.SEQUENCE,
 }
 _FRESH = ReceiverState()
-_OK = CheckStatus.OK
 _INVALID = MachineState.INVALID
 
 
@@ -69,10 +68,9 @@ class WireLink:
         before = self._received.get(layout.name, _FRESH)
         status, after = check(data, data_id, layout.max_delta, before)
         self._received[layout.name] = after
-        if status is not _OK:
-            self.counters["LostFrames"] += after.lost - before.lost
-            if status in _REJECTS:
-                return _REJECTS[status]
+        self.counters["LostFrames"] += after.lost - before.lost
+        if status in _REJECTS:
+            return _REJECTS[status]
         return RejectReason.E2E_STATE if after.machine is _INVALID else None
 
     def machine(self, message: str) -> MachineState:

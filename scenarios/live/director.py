@@ -15,6 +15,7 @@ from firmware_sim.attachment import Attachment, BusUnusable
 from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
+from hilbridge.limits import MS
 from hilbridge.rows import Row, TickRow, from_fields
 from scenarios.format.schema import BusPart, Scenario
 from scenarios.format.vocabulary import INTRUDER_FAULTS, WIRE_FAULTS
@@ -34,7 +35,6 @@ from scenarios.world.arm import PUSHING
 from scenarios.world.fault_board import Active, FaultBoard
 from scenarios.world.script import Player
 
-MS = 1_000_000
 _POLL_NS = 8 * MS
 _SENDING_POLL_NS = 2 * MS
 _LEAD_NS = 200 * MS  # between `go` and the scenario's time 0

@@ -7,11 +7,10 @@ from collections import deque
 
 from firmware_sim import frames as layout
 from firmware_sim.attachment import Attachment, Spec
-from hilbridge.core.bridge import STOP_GAP_NS, STOP_REPEATS
+from hilbridge.limits import STOP_GAP_NS, STOP_REPEATS
 from scenarios.world.fault_board import Active
 from scenarios.world.forger import Forger
 
-MS = 1_000_000
 _REMEMBERED = 4096
 _SENT_BY_BRIDGE = (0x060, 0x061, 0x120, 0x180, 0x182, 0x300)
 

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
+from hilbridge.limits import MS
 from hilbridge.observe.recording import Recording
 from hilbridge.rows import CountersRow, DeviceRow, EventRow, MetaRow, Row
 from scenarios.format.schema import Expectation, Scenario
@@ -24,9 +25,8 @@ from scenarios.verdict.judging import FaultCount, Judgement, Result, judged
 from scenarios.verdict.outcome import Run, initial_values, meta_row, with_derived
 from scenarios.verdict.safety import safety_expectations
 
-MS = 1_000_000
 # A live tick may be up to 40 ms late before the bridge itself holds for it, and a live process has 10 ms of margin
-# (docs/scenarios.md); the device's own deadlines are judged on its own clock and need none.
+# (docs/protocol.md); the device's own deadlines are judged on its own clock and need none.
 LIVE_MARGIN_MS = {"zero_after_fault_ms": 50.0}
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from hilbridge.bus.model.faults import Where
-from hilbridge.bus.simulated.client import BusClient, BusNotReachable
+from hilbridge.bus.simulated.client import BusClient, BusNotReachable, Rates
 from hilbridge.errors import InputError
 from scenarios.format.schema import BusPart
 from scenarios.format.vocabulary import WIRE_FAULTS
@@ -26,7 +26,7 @@ class SimulatedWire:
     def __init__(self, channel: str, bus: BusPart, seed: int) -> None:
         """Raises InputError where there can be no such bus, or where one runs at another bit rate."""
         try:
-            self._client = BusClient(channel, node=_NODE, bitrate=bus.bitrate)
+            self._client = BusClient(channel, node=_NODE, rates=Rates(bus.bitrate))
         except (BusNotReachable, ValueError) as error:
             raise InputError(f"bus hilsim:{channel}: {error}") from None
         bitrate = self._ask({"op": "status"})["bitrate"]

@@ -7,6 +7,7 @@ import random
 from hilbridge.bus.model.error_frames import ErrorState
 from hilbridge.bus.simulated.protocol import Arrival
 from hilbridge.core.bridge import BridgeConfig
+from hilbridge.limits import MS, TICK_NS
 from hilbridge.records import Frame
 from hilbridge.rows import EventRow, TickRow, received_row, sent_row, with_truth
 from hilbridge.runtime.assemble import assemble_node
@@ -26,8 +27,6 @@ from scenarios.world.recorded import make_assembler
 from scenarios.world.sensing import Body
 from scenarios.world.tap import Tap
 
-MS = 1_000_000
-TICK_PERIOD_NS = 40 * MS
 TICK_PHASE_NS = 15 * MS  # 3 ms after a picture's features are ready, as a live tick that is locked to its camera
 _BUS_OFF = ErrorState.BUS_OFF
 
@@ -81,7 +80,7 @@ class BridgeSide:
 
     def _tick(self) -> None:
         now_ns = self._clock.time_ns
-        self._clock.at(now_ns + TICK_PERIOD_NS, self._tick)
+        self._clock.at(now_ns + TICK_NS, self._tick)
         if self.alive and not self._hung and not self._stalled:
             self._run_tick(now_ns)
             return

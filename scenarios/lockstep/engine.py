@@ -13,6 +13,7 @@ import random
 from collections.abc import Mapping
 
 from firmware_sim.memory import COUNT_LOST
+from hilbridge.limits import MS
 from hilbridge.rows import EventRow
 from scenarios.format.schema import Scenario
 from scenarios.format.vocabulary import INTRUDER_FAULTS, WIRE_FAULTS
@@ -27,8 +28,6 @@ from scenarios.world.arm import PUSHING
 from scenarios.world.fault_board import Active, FaultBoard
 from scenarios.world.script import Player
 from scenarios.world.sensing import Body
-
-MS = 1_000_000
 
 
 class Lockstep:

@@ -7,7 +7,7 @@ from functools import partial
 from firmware_sim import frames as layout
 from hilbridge.bus.model.events import Enqueued
 from hilbridge.bus.model.frames import WireFrame
-from hilbridge.core.bridge import STOP_GAP_NS, STOP_REPEATS
+from hilbridge.limits import MS, STOP_GAP_NS, STOP_REPEATS
 from scenarios.format.schema import Scenario
 from scenarios.lockstep.bus_side import BusSide
 from scenarios.lockstep.clock import WorldClock
@@ -15,7 +15,6 @@ from scenarios.world.fault_board import Active, FaultBoard
 from scenarios.world.forger import Forger
 from scenarios.world.tap import Tap
 
-MS = 1_000_000
 _QUEUE_LIMIT = 2048  # more than a stale queue holds
 
 

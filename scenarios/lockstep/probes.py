@@ -8,11 +8,11 @@ from firmware_sim.device import LOG_CYCLE_MS, Device
 from firmware_sim.frames import STOP
 from firmware_sim.memory import COUNT_TRIPS, Received
 from firmware_sim.states import Reason, State, wire_name
+from hilbridge.limits import MS
 from hilbridge.rows import Row
 from scenarios.signals.device import NEVER_MS, device_row
 from scenarios.signals.tracks import Tracks
 
-MS = 1_000_000
 _EVERY_MS = 4  # angle and velocity: sampled, since they change in every tick
 
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from firmware_sim.memory import COUNT_TRIPS
+from hilbridge.limits import MS
 from hilbridge.observe.recording import Recording
 from hilbridge.rows import CountersRow
 from scenarios.format.schema import Scenario
@@ -17,8 +18,6 @@ from scenarios.verdict.figures import figures_of_ticks, zero_after_fault_ms
 from scenarios.verdict.judging import FaultCount, Result, judged
 from scenarios.verdict.outcome import Run, initial_values, meta_row, with_derived
 from scenarios.verdict.safety import safety_expectations
-
-MS = 1_000_000
 
 
 def run_scenario(

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+from hilbridge.limits import MS
 from hilbridge.rows import Row
 from scenarios.signals.tracks import Tracks, Value
 
-MS = 1_000_000
 Record = Callable[[Row], None]
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from scenarios.format.schema import Expectation
 
-# name -> formula. Limits are those of docs/safety.md; a device clock that drifts by 500 ppm stays inside them.
+# name -> formula. Margins are those of docs/protocol.md; a device clock that drifts by 500 ppm stays inside them.
 SAFETY: dict[str, str] = {
     "command lost: zero assist within 150 ms": "always (device.assist_zero or device.act_age_ms <= 150)",
     "HOLD: zero assist within 60 ms": "always (device.assist_zero or device.hold_age_ms <= 60)",

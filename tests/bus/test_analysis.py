@@ -24,10 +24,10 @@ from hilbridge.bus.model.events import Delivered
 from hilbridge.bus.model.frames import WireFrame
 from hilbridge.bus.model.medium import Medium
 from hilbridge.errors import InputError
+from hilbridge.limits import MS
 
 DBC = Path(__file__).parents[2] / "dbc" / "iassistadl.dbc"
 BITRATES = (125_000, 250_000, 500_000, 1_000_000)
-MS = 1_000_000
 
 
 def stream(name: str, key: int, bits: int, period_us: int, deadline_us: int) -> Stream:

@@ -13,10 +13,10 @@ from hilbridge.bus.diagnosis import BusFinding, Observation, Severity, diagnose,
 from hilbridge.bus.model.error_frames import ErrorKind, ErrorState, write_error_frame
 from hilbridge.bus.port.netlink import LinkInfo
 from hilbridge.errors import InputError
+from hilbridge.limits import MS
 from hilbridge.records import Frame
 
 DBC = Path(__file__).parents[2] / "dbc" / "iassistadl.dbc"
-MS = 1_000_000
 CAN0 = LinkInfo("can0", "can", True, 10, 500_000, None, "error-active", 0, 0, restart_ms=100)
 KNOWN = known_messages(DBC)
 

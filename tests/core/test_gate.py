@@ -10,7 +10,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hilbridge.core import gate
-from hilbridge.core.gate import MS, GateConfig, GateState
+from hilbridge.core.gate import GateConfig, GateState
+from hilbridge.limits import MS
 from hilbridge.records import Action, GateDecision, HoldReason, IntentEstimate
 from hilbridge.verbs import NEVER_ASSISTED, OTHER, VERBS
 

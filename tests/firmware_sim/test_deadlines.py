@@ -302,6 +302,9 @@ def test_watchdog_questions_at_their_edges() -> None:
         (10_100, 10_100, 10_000, 0, True),
         (10_100, 10_100, 10_000, 69_999, True),
         (10_100, 10_100, 10_000, 130_000, False),
+        (10_000, 10_000, 5_000, 5_030_000, False),
+        (10_000, 10_000, 5_000, 5_030_001, True),
+        (10_000, 10_000, 5_000, 4_969_999, True),
     ],
 )
 def test_h4_implausible_sensors(angle: int, second: int, previous: int, velocity: int, bad: bool) -> None:
@@ -330,6 +333,8 @@ def test_h4_a_torque_no_wearer_has(user: int, previous: int, bad: bool) -> None:
 def test_doubt_leaks_and_is_not_cleared_by_one_good_tick() -> None:
     assert [watchdogs.leaked(doubt, True, 8, 24) for doubt in (0, 8, 16, 24, 32)] == [8, 16, 24, 32, 32]
     assert [watchdogs.leaked(doubt, False, 8, 24) for doubt in (24, 1, 0)] == [23, 0, 0]
+    assert (watchdogs.SENSOR_RISE, watchdogs.SENSOR_DOUBT) == (8, 24)
+    assert (watchdogs.TRACKING_RISE, watchdogs.TRACKING_DOUBT) == (4, 80)
     doubt, worst = 0, 0
     for tick in range(3000):  # one tick in nine may be bad for ever
         doubt = watchdogs.leaked(doubt, tick % 9 == 0, watchdogs.SENSOR_RISE, watchdogs.SENSOR_DOUBT)

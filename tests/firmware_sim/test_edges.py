@@ -8,7 +8,6 @@ from copy import copy
 import pytest
 
 from firmware_sim import e2e, frames
-from firmware_sim.controller import step
 from firmware_sim.e2e import Check, Machine, Receiver
 from firmware_sim.frames import Reject
 from firmware_sim.law import filters
@@ -16,6 +15,7 @@ from firmware_sim.law.numbers import RAMP_TICKS, REMAINING
 from firmware_sim.memory import COUNT_LOST, ECHO_AGE_MAX_MS, ControllerState, Inputs, Received
 from firmware_sim.states import Reason, State
 from tests.safety.hand import BOOT_NONCE, KEY, POUR, TAKE, Hand
+from tests.safety.stepping import step
 
 requirement = pytest.mark.requirement
 CLEAR = frames.PURPOSE_CLEAR_LATCH

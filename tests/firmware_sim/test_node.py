@@ -21,9 +21,9 @@ from firmware_sim.plant.actuator import LAG_S
 from firmware_sim.secoc import DEMO_KEY
 from firmware_sim.states import Reason, State
 from firmware_sim.torque import Torque
+from hilbridge.limits import MS
 
 requirement = pytest.mark.requirement
-MS = 1_000_000
 
 
 class FakeBus:
@@ -341,7 +341,7 @@ def test_bad_input_is_one_line_and_exit_2(
 
 def cyclic(milliseconds: int) -> dict[int, list[tuple[int, bytes]]]:
     state, sent = ControllerState(DEMO_KEY, 0xABCD), {}
-    from firmware_sim.controller import step
+    from tests.safety.stepping import step
 
     for now_ms in range(1, milliseconds + 1):
         state, outputs = step(state, Inputs(), now_ms)

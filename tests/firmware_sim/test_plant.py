@@ -79,12 +79,12 @@ def test_h4_the_device_finds_a_broken_motor_or_encoder(fault: str) -> None:
         device.tick((), 0)
     record = device.record()
     if fault == "encoder":
-        assert record["state"] == "PASSIVE"
+        assert record["state"] == "Passive"
         assert record["follow_nm"] == 0
     elif fault == "gain":
-        assert (record["state"], record["reason"]) == ("LATCHED", "TORQUE_TRACKING")
+        assert (record["state"], record["reason"]) == ("Latched", "TorqueTracking")
     else:
-        assert record["state"] in ("FOLLOW", "LATCHED")  # stuck near what follow mode asks is within the limit
+        assert record["state"] in ("Follow", "Latched")  # stuck near what follow mode asks is within the limit
 
 
 @requirement("W6")
@@ -94,7 +94,7 @@ def test_an_injected_overrun_is_found() -> None:
         device.tick((), 0)
     device.skip(5)
     device.tick((), 0)
-    assert device.record()["reason"] == "TICK_OVERRUN"
+    assert device.record()["reason"] == "TickOverrun"
 
 
 @pytest.mark.parametrize("stiffness", [6.0, WEAK_NM_RAD])

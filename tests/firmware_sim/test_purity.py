@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import ast
-from copy import copy, deepcopy
+from copy import deepcopy
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,10 +11,11 @@ import pytest
 
 import firmware_sim
 from firmware_sim import frames
-from firmware_sim.controller import advance, step
+from firmware_sim.controller import advance
 from firmware_sim.memory import Inputs, Received
 from firmware_sim.states import State
 from tests.safety.hand import Hand
+from tests.safety.stepping import copied, step
 
 HOME = Path(firmware_sim.__file__).parent
 STEP = (
@@ -77,7 +78,7 @@ def test_a_step_leaves_its_state_untouched_and_gives_the_same_twice() -> None:
 
 def test_a_step_in_place_comes_to_the_same() -> None:
     hand = Hand().to_assist()
-    state = copy(hand.state)
+    state = copied(hand.state)
     for number in range(400):
         received: tuple[Received, ...] = ()
         if number == 300:

@@ -7,10 +7,10 @@ from collections import defaultdict
 import pytest
 
 from firmware_sim import frames, transmit
-from firmware_sim.controller import step
 from firmware_sim.memory import COUNTERS, ControllerState, Inputs
 from firmware_sim.torque import Torque
 from tests.safety.hand import BOOT_NONCE, KEY, Hand
+from tests.safety.stepping import step
 
 requirement = pytest.mark.requirement
 

@@ -17,6 +17,7 @@ from firmware_sim.states import State
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.core.gate import GateConfig
 from hilbridge.features.layout import D
+from hilbridge.limits import MS
 from hilbridge.records import Action, FeatureVector, Frame, HoldReason, IntentEstimate
 from hilbridge.runtime.health import SensorSeen
 from hilbridge.runtime.node import BridgeNode, Tick
@@ -26,7 +27,6 @@ from hilbridge.wire.keys import DEMO_KEY
 from hilbridge.wire.link import WireLink
 from hilbridge.wire.secoc import Authenticator
 
-MS = 1_000_000
 POUR = VERBS.index("Pour")
 
 

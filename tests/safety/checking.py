@@ -1,4 +1,4 @@
-"""Exhaustive model checking: all states of tests/safety/model.py, every transition on the real code, invariants per tick."""
+"""Model checking: all states of tests/safety/tools/model.py, every transition on the real code, invariants per tick."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from firmware_sim.law.damping import LEASH_UNM_MS
 from firmware_sim.memory import Received
 from firmware_sim.states import State
 from tests.safety.hand import Hand
-from tests.safety.model import CUT, INPUTS, OPERATE, QUANTUM_MS, Model, step
 from tests.safety.table import Row, Scale
+from tests.safety.tools.model import CUT, INPUTS, OPERATE, QUANTUM_MS, Model, step
 
 _LETTER = {
     e2e.Check.OK: "G",

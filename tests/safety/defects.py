@@ -1,4 +1,4 @@
-"""Deliberate defects of controller, gate and link, each planted for one campaign that has to find it (issue 5)."""
+"""Deliberate defects of controller, gate and link, each planted for one campaign that has to find it."""
 
 from __future__ import annotations
 
@@ -79,9 +79,7 @@ DEFECTS: tuple[Defect, ...] = (
     ),
     Defect("STOP is ignored", ((TABLE[State.ASSIST], Event.STOP, State.ASSIST),), "bus.stop"),
     Defect("HOLD is ignored", ((TABLE[State.ASSIST], Event.HOLD, State.ASSIST),), "bus.duplicate"),
-    Defect(
-        "a latch opens by itself", ((TABLE[State.LATCHED], Event.SENSORS_GOOD, State.FOLLOW),), "device.tick_overrun"
-    ),
+    Defect("a latch opens by itself", ((TABLE[State.LATCHED], Event.HOLD, State.FOLLOW),), "device.tick_overrun"),
     Defect(
         "straight back from RAMP_DOWN to ASSIST",
         ((TABLE[State.RAMP_DOWN], Event.RAMPED_CLEAN, State.ASSIST),),

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import replace
 
 from firmware_sim import e2e, frames, secoc
-from firmware_sim.controller import step
-from firmware_sim.memory import ControllerState, Inputs, Outputs, Received
+from firmware_sim.memory import ControllerState, Inputs, Received
 from firmware_sim.states import State
+from tests.safety.stepping import Outputs, step
 
 KEY = secoc.DEMO_KEY
 BOOT_NONCE = 0x0B007B00

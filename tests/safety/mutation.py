@@ -25,8 +25,8 @@ from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, NamedTuple
 
-from tests.safety.mutants import Mutant, mutants
 from tests.safety.table import Row, Scale
+from tests.safety.tools.mutants import Mutant, mutants
 
 ROOT = Path(__file__).parents[2]
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.json")
@@ -40,23 +40,27 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "firmware_sim/transitions.py": _DEVICE,
     "firmware_sim/watchdogs.py": _DEVICE,
     "firmware_sim/torque.py": _LAW,
-    **{f"firmware_sim/law/{part}.py": (*_LAW, f"test_law_{part}.py") for part in LAW},
+    **{f"firmware_sim/law/{part}.py": (*_LAW, f"law/test_{part}.py") for part in LAW},
     "firmware_sim/transmit.py": ("test_transmit.py", "test_node.py", "test_latches.py"),
-    "firmware_sim/states.py": ("test_states.py", "test_wire_conformance.py", "test_latches.py"),
-    "firmware_sim/e2e.py": ("test_frames_and_e2e.py", "test_edges.py", "test_wire_conformance.py", "test_commands.py"),
-    "firmware_sim/secoc.py": ("test_frames_and_e2e.py", "test_secoc.py", "test_commands.py"),
-    "hilbridge/core/gate.py": ("test_gate.py",),
-    "hilbridge/core/session.py": ("test_session_and_bridge.py",),
-    "hilbridge/core/deadline.py": ("test_session_and_bridge.py",),
-    "hilbridge/wire/e2e.py": ("test_codec_and_link.py",),
-    "hilbridge/wire/secoc.py": ("test_secoc.py",),
-    "hilbridge/wire/keys.py": ("test_secoc.py",),
+    "firmware_sim/states.py": ("test_states.py", "wire/test_conformance.py", "test_latches.py"),
+    "firmware_sim/e2e.py": ("test_frames_and_e2e.py", "test_edges.py", "wire/test_conformance.py", "test_commands.py"),
+    "firmware_sim/secoc.py": ("test_frames_and_e2e.py", "wire/test_secoc.py", "wire/test_keys.py", "test_commands.py"),
+    "hilbridge/core/gate.py": ("core/test_gate.py",),
+    "hilbridge/core/session.py": ("core/test_session.py", "core/test_both_ends.py"),
+    "hilbridge/core/deadline.py": ("core/test_deadline.py",),
+    "hilbridge/core/bridge.py": ("core/test_bridge.py", "core/test_both_ends.py"),
+    "hilbridge/wire/codec.py": ("wire/test_codec.py", "wire/test_dbc.py", "wire/test_link.py"),
+    "hilbridge/wire/dbc.py": ("wire/test_dbc.py", "wire/test_codec.py"),
+    "hilbridge/wire/link.py": ("wire/test_link.py",),
+    "hilbridge/wire/e2e.py": ("wire/test_e2e.py",),
+    "hilbridge/wire/secoc.py": ("wire/test_secoc.py",),
+    "hilbridge/wire/keys.py": ("wire/test_keys.py",),
 }
-TESTS = ("tests/firmware_sim", "tests/core", "tests/wire", "tests/test_wire_conformance.py")
+TESTS = ("tests/firmware_sim", "tests/core", "tests/wire")
 QUICK = {
-    "firmware_sim/secoc.py": ["tests/wire/test_secoc.py"],
-    "firmware_sim/e2e.py": ["tests/firmware_sim/test_frames_and_e2e.py", "tests/test_wire_conformance.py"],
-    "hilbridge/wire/e2e.py": ["tests/wire/test_codec_and_link.py"],
+    "firmware_sim/secoc.py": ["tests/wire/test_secoc.py", "tests/wire/test_keys.py"],
+    "firmware_sim/e2e.py": ["tests/firmware_sim/test_frames_and_e2e.py", "tests/wire/test_conformance.py"],
+    "hilbridge/wire/e2e.py": ["tests/wire/test_e2e.py"],
 }
 TIMEOUT_S = 60.0
 JOBS = os.cpu_count() or 1
@@ -145,7 +149,7 @@ def import_anew(target: str, mutant: Mutant) -> None:
     sys.meta_path.insert(0, _Finder(name, ROOT / target, compile(mutant.build(), str(ROOT / target), "exec")))
 
 
-_KEPT = ("tests", "tests.safety", "tests.safety.mutation", "tests.safety.mutants", "tests.safety.table")
+_KEPT = ("tests", "tests.safety", "tests.safety.mutation", "tests.safety.tools.mutants", "tests.safety.table")
 
 
 def _take_over(old: dict[str, Any], new: dict[str, Any], module: str) -> None:
@@ -385,8 +389,9 @@ def _cases(everything: dict[str, list[Mutant]], argued: dict[str, dict[str, str]
     return [*controls(tuple(everything), named), *cases]
 
 
-def run(scale: Scale, targets: tuple[str, ...] = tuple(TARGETS)) -> list[Row]:
+def run(scale: Scale) -> list[Row]:
     """The full run takes about a quarter of an hour on two processors; the quick one does a seeded handful."""
+    targets = scale.files or tuple(TARGETS)
     everything = {target: list(mutants((ROOT / target).read_text())) for target in targets}
     argued: dict[str, dict[str, str]] = json.loads(EQUIVALENT.read_text())
     cases = _cases(everything, argued, scale)

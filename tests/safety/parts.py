@@ -5,9 +5,11 @@ from __future__ import annotations
 import sys
 import time
 
-from tests.safety import campaign, checking, conformance, corruption, forgery, fuzz, harm, hung, mutation, replay
-from tests.safety.branches import run as branches
+from tests.safety import campaign, checking, harm, mutation
+from tests.safety.processes import hung
 from tests.safety.table import Row, Scale
+from tests.safety.tools.branches import run as branches
+from tests.safety.wire import conformance, corruption, forgery, fuzz, replay
 
 PARTS = {
     "corruption": corruption.run,

@@ -128,7 +128,8 @@ clinical sign-off; nothing here is a medical device, and no figure below has bee
 What this does not show: that the model leaves nothing out (it has no dwell, no torque values and no plant faults; those
 have tests of their own); that an interposer who withholds single frames for a multiple of 10.24 s while passing others
 is harmless (docs/decisions/104); that wearers weaker than 2 N m/rad, or arms unlike the simulated one, are moved as little
-(docs/decisions/109); anything about hardware.
+(docs/decisions/109); that an ACT never takes an arm at the very edge of its range or speed over it, into a latch, which ends
+follow mode; anything about hardware.
 """
 
 

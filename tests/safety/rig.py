@@ -7,16 +7,16 @@ from collections.abc import Callable
 from dataclasses import replace
 from functools import cache
 
-from firmware_sim.controller import step
-from firmware_sim.memory import ControllerState, Inputs, Outputs, Received
+from firmware_sim.memory import ControllerState, Inputs, Received
 from firmware_sim.secoc import DEMO_KEY
 from hilbridge.core.bridge import Bridge, BridgeConfig
+from hilbridge.limits import MS
 from hilbridge.records import Action, Frame, GateDecision, HoldReason
 from hilbridge.wire.codec import Codec, Decoded
 from hilbridge.wire.link import WireLink
 from hilbridge.wire.secoc import Authenticator
+from tests.safety.stepping import Outputs, step
 
-MS = 1_000_000
 BOOT_NONCE = 0x0B007B00
 ACT_TAKE = GateDecision(Action.ACT, 0, 0.9, HoldReason.NONE)
 ACT_PUT = GateDecision(Action.ACT, 1, 0.9, HoldReason.NONE)

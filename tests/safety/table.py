@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One claim of issue 3, the figure found, and whether it holds."""
+    """One claim of the safety contract, the figure found, and whether it holds."""
 
     part: str
     claim: str
@@ -17,12 +17,16 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """How much is run. `quick` is the seeded part of `make test`; `share` scales the random campaigns of the full run."""
+    """How much is run. `quick` is the seeded part of `make test`; `share` scales the random campaigns of the full run.
+
+    `files` are those to mutate; none given: all.
+    """
 
     quick: bool = False
     seed: int = 20260101
     share: float = 1.0
     bus: str = "auto"
+    files: tuple[str, ...] = ()
 
     def of(self, full: int, quick: int) -> int:
         """So many cases of a random campaign; what is exhaustive is never scaled."""

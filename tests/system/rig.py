@@ -22,7 +22,7 @@ from typing import Any
 
 SENSOR_FAULTS = ("gaze silent", "gaze gone", "camera frozen", "camera silent", "camera gone")
 PROCESS_FAULTS = ("SIGSTOP", "SIGKILL")
-LIMIT_MS = 150  # PROTOCOL: command lost -> zero assist, at every phase
+LIMIT_MS = 150  # docs/protocol.md: command lost -> zero assist, at every phase
 _PATIENCE_S = 60.0
 _START_S = 240.0  # with the imports of the server that forks, on a machine that is busy with something else
 
@@ -92,12 +92,12 @@ class Rig:
         """Until a device that is not about to latch gives assist torque under an accepted ACT."""
         self.skip_to_now()
         for row in self.records():
-            if row["trips"] >= 2 or row["state"] == "LATCHED":
+            if row["trips"] >= 2 or row["state"] == "Latched":
                 _end(self.device)
                 self._start_device()
                 self.await_assist()
                 return
-            if row["state"] == "ASSIST" and not row["accepted_hold"] and abs(row["assist_nm"]) > 0.02:
+            if row["state"] == "Assist" and not row["accepted_hold"] and abs(row["assist_nm"]) > 0.02:
                 self._act_ms = row["accepted_ms"]
                 return
 
@@ -109,14 +109,14 @@ class Rig:
         """
         zero_ms = None
         for row in self.records():
-            if row["state"] == "ASSIST":
+            if row["state"] == "Assist":
                 zero_ms = None
                 if not row["accepted_hold"]:
                     self._act_ms = row["accepted_ms"]
             elif zero_ms is None and row["assist_nm"] == 0.0:
                 zero_ms = row["t_ms"]
-            if zero_ms is not None and row["state"] in ("FOLLOW", "READY", "LATCHED"):
-                followed = row["state"] == "FOLLOW"
+            if zero_ms is not None and row["state"] in ("Follow", "Ready", "Latched"):
+                followed = row["state"] == "Follow"
                 return zero_ms - self._act_ms, row["t_ms"] - self._act_ms if followed else None
         raise AssertionError("unreachable")
 

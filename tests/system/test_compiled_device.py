@@ -1,4 +1,4 @@
-"""`hilscenario compile`: the compiled device leaves the same bytes behind as the sources do (issue 5)."""
+"""`hilscenario compile`: the compiled device leaves the same bytes behind as the sources do."""
 
 from __future__ import annotations
 

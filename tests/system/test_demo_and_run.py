@@ -239,4 +239,4 @@ def test_ctrl_backslash_stops_the_device_until_both_ends_clear_it(files: dict[st
         device.terminate()
         last, _ = device.communicate(timeout=PATIENCE_S)
     assert cleared["device_states"]["Follow"] > 0
-    assert '"state": "ESTOP"' not in last
+    assert '"state": "EStop"' not in last

@@ -1,4 +1,4 @@
-"""The same dropouts on a kernel bus, twenty times each at random phases (issue 2): H2, H8, H9."""
+"""The same dropouts on a kernel bus, twenty times each at random phases: H2, H8, H9."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The catalogue's dropouts live on a kernel bus: the same files, real processes, the same verdicts (issue 5): H2, H7, H8."""
+"""The catalogue's dropouts live on a kernel bus: the same files, real processes, the same verdicts: H2, H7, H8."""
 
 from __future__ import annotations
 

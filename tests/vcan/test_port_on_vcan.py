@@ -12,10 +12,11 @@ from pathlib import Path
 
 import pytest
 
-from hilbridge.bus.port.asyncio_port import BusPort, SendResult
+from hilbridge.bus.port.asyncio_port import BusPort
 from hilbridge.bus.port.netlink import read_link
+from hilbridge.bus.port.state import SendResult
 from hilbridge.records import Frame
-from tests.bus.lawicel import FakeAdapter
+from tests.bus.port.lawicel import FakeAdapter
 
 SETTLE_S = 5.0
 

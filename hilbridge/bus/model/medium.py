@@ -38,7 +38,8 @@ class Medium:
         self._wires: dict[int, Wire] = {0: Wire(0, 0)}
         self._next_number = 1
         self._now_ns = 0
-        self.due_ns = 0  # before this time `advance` has nothing to do; 0: it has to look
+        # Before this time `advance` has nothing to do: exact after each call, 0 once something has changed.
+        self.due_ns = 0
         self._bit_ns = NS_PER_S // bitrate if NS_PER_S % bitrate == 0 else 0
         self._intermission_ns = self.duration_ns(INTERMISSION_BITS)
         self._sequence_ns = self.duration_ns(RECOVERY_SEQUENCE_BITS)
@@ -73,6 +74,7 @@ class Medium:
     def recover(self, number: int) -> None:
         """Let a node that is bus-off begin to wait for 128 sequences of eleven recessive bits; call after `advance`."""
         self.nodes.all[number].confinement.recovering = True
+        self.due_ns = 0
 
     def node(self, number: int) -> Node:
         """The node's counters and state, to look at."""
@@ -129,7 +131,7 @@ class Medium:
     def advance(self, now_ns: int) -> list[Event]:
         """Let the bus run up to and including `now_ns`; gives what happened, in order of time."""
         events: list[Event] = []
-        if now_ns < self.due_ns:
+        if now_ns < self.due_ns and not self.nodes.off:  # nodes that are off count the idle time, whoever looks
             self._now_ns = now_ns
             return events
         while self._edges and self._edges[0] <= now_ns:
@@ -138,114 +140,58 @@ class Medium:
             self._now_ns = edge
             for node in self.nodes.all.values():
                 self._place(node)
-        self._run_all(now_ns, events)
+        due_ns = self._run_all(now_ns, events)
         self._now_ns = now_ns
-        self.due_ns = self._next_due_ns()
+        self.due_ns = min(due_ns, self._edges[0]) if self._edges else due_ns
         return events
 
-    def _next_due_ns(self) -> int:
-        """When `advance` has something to do again, as far as that is known at no cost."""
-        if not self._is_plain():
-            return 0
-        current = self._wires[0].current
-        if current is not None:
-            return current.end_ns
-        return 0 if self.nodes.waiting else FOREVER_NS
-
     def advance_to_event(self, limit_ns: int | None) -> tuple[int, list[Event]]:
-        """Let the bus run to the first thing that happens, at most to `limit_ns` (not None on a bus at rest).
+        """Let the bus run to the first thing that happens, at most to `limit_ns`. For a caller that can jump in time.
 
-        Gives the time reached and what happened then. For a caller that can jump in time.
+        Gives the time reached and what happened then; FOREVER_NS where there is no limit and nothing under way.
         """
-        events: list[Event] = []
-        while not events:
-            due_ns = self._plain_due(limit_ns) if self._is_plain() else self.next_event_ns
-            if due_ns is None or (limit_ns is not None and due_ns > limit_ns):
-                assert limit_ns is not None
+        while True:
+            due_ns = max(self.due_ns, self._now_ns)
+            if limit_ns is None:
+                if due_ns == FOREVER_NS:
+                    return FOREVER_NS, []
+            elif due_ns > limit_ns:
                 return limit_ns, self.advance(limit_ns)
-            due_ns = max(due_ns, self._now_ns)
-            current = self._wires[0].current
-            if current is not None and self._is_plain():
-                self._wires[0].current = None
-                self._now_ns = due_ns
-                self._finish(self._wires[0], current, events)
-            else:
-                events = self.advance(due_ns)
-        return self._now_ns, events
+            events = self.advance(due_ns)
+            if events:
+                return self._now_ns, events
 
-    def _is_plain(self) -> bool:
-        """One wire, nobody bus-off, nothing scripted: only transmissions can be due."""
-        return not (self._edges or self._script or self.nodes.off or len(self._wires) > 1)
-
-    def _plain_due(self, limit_ns: int | None) -> int | None:
-        """When a plain bus has its next event; begins the transmission that leads to it."""
-        wire = self._wires[0]
-        if wire.current is None:
-            offers = wire.offers(self.nodes, self._script)
-            if not offers:
-                return None
-            start_ns = wire.start_ns(offers)
-            if limit_ns is not None and start_ns > limit_ns:
-                return start_ns
-            self._begin(wire, start_ns, offers)
-        assert wire.current is not None
-        return wire.current.end_ns
-
-    def _run_all(self, now_ns: int, events: list[Event]) -> None:
+    def _run_all(self, now_ns: int, events: list[Event]) -> int:
+        """Let every wire run; gives when the first of them has something to do again."""
         if len(self._wires) == 1:
-            self._run(self._wires[0], now_ns, events)
-            return
-        for wire in list(self._wires.values()):
-            self._run(wire, now_ns, events)
+            return self._run(self._wires[0], now_ns, events)
+        due_ns = min([self._run(wire, now_ns, events) for wire in list(self._wires.values())])
         events.sort(key=lambda event: event.at_ns)
-
-    @property
-    def next_event_ns(self) -> int | None:
-        """The next time at which `advance` has something to do, or None while nothing is under way."""
-        if len(self._wires) == 1 and not (self._edges or self.nodes.off):
-            return self._next_on(self._wires[0])
-        times = list(self._edges[:1])
-        for wire in self._wires.values():
-            due_ns = self._next_on(wire)
-            times += [] if due_ns is None else [due_ns]
-            times += [wire.back_ns(node, self._sequence_ns) for node in wire.recovering(self.nodes)]
-        return min(times, default=None)
-
-    def _next_on(self, wire: Wire) -> int | None:
-        """When this wire's transmission ends, or else the next begins."""
-        if wire.current is not None:
-            return wire.current.end_ns
-        offers = wire.offers(self.nodes, self._script)
-        return wire.start_ns(offers) if offers else None
+        return due_ns
 
     # One wire
 
-    def _run(self, wire: Wire, now_ns: int, events: list[Event]) -> None:
+    def _run(self, wire: Wire, now_ns: int, events: list[Event]) -> int:
+        """Let one wire run; gives when its transmission ends, the next begins, or a node is back from bus-off."""
         while True:
             current = wire.current
-            if current is None:
-                if not self._start(wire, now_ns, events):
-                    return
-            elif current.end_ns > now_ns:
-                return
-            else:
+            if current is not None:
+                if current.end_ns > now_ns:
+                    return current.end_ns
                 wire.current = None
                 self._finish(wire, current, events)
-
-    def _start(self, wire: Wire, now_ns: int, events: list[Event]) -> bool:
-        """Begin the next transmission if one begins by `now_ns`."""
-        if not self.nodes.waiting and not self._script and not self.nodes.off:
-            return False
-        offers = wire.offers(self.nodes, self._script)
-        start_ns = now_ns + 1
-        if offers:
-            start_ns = wire.start_ns(offers)
-        if self.nodes.off:
-            wire.count_idle(self.nodes, min(start_ns, now_ns), self._sequence_ns, events)
-        if start_ns > now_ns:
-            return False
-        self._begin(wire, start_ns, offers)
-        return True
+                continue
+            if not (self.nodes.waiting or self._script or self.nodes.off):
+                return FOREVER_NS
+            offers = wire.offers(self.nodes, self._script)
+            due_ns = start_ns = wire.start_ns(offers) if offers else FOREVER_NS
+            if self.nodes.off:
+                if wire.count_idle(self.nodes, min(start_ns, now_ns), self._sequence_ns, events):
+                    continue  # who is back may have something to send
+                due_ns = min(start_ns, wire.first_back_ns(self.nodes, self._sequence_ns))
+            if start_ns > now_ns:
+                return due_ns
+            self._begin(wire, start_ns, offers)
 
     def _begin(self, wire: Wire, start_ns: int, offers: list[Offer]) -> None:
         """Put the winner of those who are ready by `start_ns` on the wire."""

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from hilbridge.bus.model.attempt import PartyResult
 from hilbridge.bus.model.events import Event
-from hilbridge.bus.model.faults import FaultState
+from hilbridge.bus.model.faults import FOREVER_NS, FaultState
 from hilbridge.bus.model.frames import WireFrame, arbitration_key
 from hilbridge.bus.model.nodes import BABBLE_TAG, Node, Population, Queued
 
@@ -91,11 +91,17 @@ class Wire:
         """When a recovering node is back, should the wire stay idle; `sequence_ns` is how long eleven bits last."""
         return self.idle_from_ns + sequence_ns * node.confinement.sequences_left
 
-    def count_idle(self, nodes: Population, until_ns: int, sequence_ns: int, events: list[Event]) -> None:
-        """Let recovering nodes count the recessive bits of a wire that was idle until then."""
+    def first_back_ns(self, nodes: Population, sequence_ns: int) -> int:
+        """When the first of the recovering nodes is back, should the wire stay idle; FOREVER_NS where there is none."""
+        return min([self.back_ns(node, sequence_ns) for node in self.recovering(nodes)], default=FOREVER_NS)
+
+    def count_idle(self, nodes: Population, until_ns: int, sequence_ns: int, events: list[Event]) -> bool:
+        """Let recovering nodes count the recessive bits of a wire that was idle until then; whether one came back."""
         sequences = (until_ns - self.idle_from_ns) // sequence_ns
         if sequences <= 0:
-            return
+            return False
+        off = len(nodes.off)
         for node in self.recovering(nodes):
             nodes.count_recessive([node], sequences, min(self.back_ns(node, sequence_ns), until_ns), events)
         self.idle_from_ns += sequences * sequence_ns
+        return len(nodes.off) < off

@@ -1,6 +1,6 @@
 """The asyncio port onto any CAN bus: it never blocks, survives the link going down and up, and counts what is lost.
 
-python-can's asyncio Notifier hangs when a link goes down and its `send(timeout=)` blocks the loop (DESIGN), so the port
+python-can's asyncio Notifier hangs when a link goes down and its `send(timeout=)` blocks the loop, so the port
 owns the descriptor itself. Silence is not an error here: deadlines belong to the session.
 """
 
@@ -18,17 +18,16 @@ from hilbridge.bus.model.error_frames import ErrorState, read_error_frame
 from hilbridge.bus.port.backend import Backend, LinkDown, WriteResult
 from hilbridge.bus.port.python_can import PythonCanBackend
 from hilbridge.bus.port.simulated import SimulatedBackend
+from hilbridge.bus.port.socketcan import SocketCanBackend
 from hilbridge.bus.port.spec import BusSpec, BusUnavailable, parse_spec
 from hilbridge.bus.port.state import PortCounters, PortState, SendResult
+from hilbridge.limits import STALE_COMMAND_NS
 from hilbridge.records import Frame
-
-__all__ = ["BusPort", "PortCounters", "PortState", "SendResult"]
 
 _READS_PER_TURN = 256
 _RX_LIMIT = 8192  # frames not yet taken by `receive`; at 500 kbit/s about two seconds of a full bus
 _PENDING_LIMIT = 8
 _RETRY_S = 0.001
-_STALE_NS = 20_000_000  # a command half its 40 ms cycle old is worth less than the next one
 _RECOVERY_S = 0.05
 
 
@@ -100,8 +99,6 @@ class BusPort:
 
     def _open_backend(self) -> Backend:
         if self.spec.interface == "socketcan":
-            from hilbridge.bus.port.socketcan import SocketCanBackend
-
             return SocketCanBackend(self.spec.channel)
         if self.spec.interface == "hilsim":
             return SimulatedBackend(self.spec, self._options)
@@ -291,7 +288,7 @@ class BusPort:
         now_ns = self._clock()
         for key in sorted(self._pending):
             queued_ns, frame = self._pending[key]
-            if now_ns - queued_ns > _STALE_NS:
+            if now_ns - queued_ns > STALE_COMMAND_NS:
                 del self._pending[key]
                 self.counters.dropped_stale += 1
                 continue

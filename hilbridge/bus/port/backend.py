@@ -1,4 +1,4 @@
-"""What the port needs of whatever carries its frames, and the backends that are not SocketCAN."""
+"""What the port needs of whatever carries its frames: one protocol, which each backend keeps in a file of its own."""
 
 from __future__ import annotations
 

@@ -14,15 +14,12 @@ import can
 
 from hilbridge.bus.port.backend import LinkDown, WriteResult
 from hilbridge.bus.port.spec import BusSpec, BusUnavailable
+from hilbridge.limits import STALE_COMMAND_NS
 from hilbridge.records import Frame
 
 _READ_SLICE_S = 0.1
-
 _TX_QUEUE_LIMIT = 8
-
 _RX_QUEUE_LIMIT = 4096
-
-_STALE_S = 0.02
 
 
 class PythonCanBackend:
@@ -80,7 +77,7 @@ class PythonCanBackend:
                 queued_s, frame = self._outgoing.get(timeout=_READ_SLICE_S)
             except queue.Empty:
                 continue
-            if time.monotonic() - queued_s > _STALE_S:
+            if time.monotonic() - queued_s > STALE_COMMAND_NS / 1e9:
                 self.stale += 1
                 continue
             try:

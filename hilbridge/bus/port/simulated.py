@@ -9,7 +9,7 @@ from hilbridge.bus.model.events import Enqueued
 from hilbridge.bus.model.frames import WireFrame
 from hilbridge.bus.port.backend import LinkDown, WriteResult
 from hilbridge.bus.port.spec import BusSpec, BusUnavailable
-from hilbridge.bus.simulated.client import BusClient, BusNotReachable
+from hilbridge.bus.simulated.client import BusClient, BusNotReachable, Rates
 from hilbridge.records import Frame
 
 
@@ -21,9 +21,8 @@ class SimulatedBackend:
     def __init__(self, spec: BusSpec, options: dict[str, Any]) -> None:
         """Attach (starting the bus if need be). Raises BusUnavailable."""
         self._spec = spec
-        self._bitrate = int(options.get("bitrate", 500_000))
         self._node = str(options.get("node", ""))
-        self._data_bitrate = int(options.get("data_bitrate", 2_000_000))
+        self._rates = Rates(**{name: int(options[name]) for name in Rates._fields if name in options})
         self.overflowed = 0
         self._client = self._open(start=True)
 
@@ -32,8 +31,7 @@ class SimulatedBackend:
             client = BusClient(
                 self._spec.channel,
                 node=self._node,
-                bitrate=self._bitrate,
-                data_bitrate=self._data_bitrate,
+                rates=self._rates,
                 start=start,
             )
         except (BusNotReachable, ValueError) as error:

@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import hilbridge
 from hilbridge.bus.model.error_frames import ErrorState
@@ -44,6 +44,16 @@ class BusNotReachable(ConnectionError):
     """There is no simulated bus of this name and none could be started; the message says what to do."""
 
 
+class Rates(NamedTuple):
+    """Bit rates of a bus in bit/s: of arbitration, and of the data of FD frames that switch."""
+
+    bitrate: int = 500_000
+    data_bitrate: int = 2_000_000
+
+
+_USUAL_RATES = Rates()
+
+
 class BusClient:
     """One node of a simulated bus. Not thread safe for two senders or two receivers at once."""
 
@@ -55,13 +65,12 @@ class BusClient:
         receive_own: bool = False,
         bus_errors: bool = False,
         node: str = "",
-        bitrate: int = 500_000,
-        data_bitrate: int = 2_000_000,
+        rates: Rates = _USUAL_RATES,
         start: bool = True,
     ) -> None:
         """Attach to the bus called `name` as the node called `node`; `start` starts it where there is none.
 
-        The bit rates hold where this starts the bus. `bus_errors` asks for an error frame per failed attempt, not only
+        `rates` hold where this starts the bus. `bus_errors` asks for an error frame per failed attempt, not only
         for changes of the controller's state.
         Raises BusNotReachable, or ValueError for a name that is empty or longer than 64 bytes.
         """
@@ -81,20 +90,20 @@ class BusClient:
             | (Flag.RECEIVE_OWN if receive_own else 0)
             | (Flag.BUS_ERRORS if bus_errors else 0)
         )
-        self._connect(int(flags), start, bitrate, data_bitrate)
+        self._connect(int(flags), start, rates)
         self._reader = RecordReader(self._receive)
         self._credits = RecordReader(self._transmit)
         self._receive.setblocking(False)
         self._transmit.setblocking(False)
 
-    def _connect(self, flags: int, start: bool, bitrate: int, data_bitrate: int) -> None:
+    def _connect(self, flags: int, start: bool, rates: Rates) -> None:
         deadline_s = time.monotonic() + _START_S
         process = None
         while not self._try_ports(flags):
             if not start:
                 raise BusNotReachable(f"no simulated bus called {self.name!r} is running")
             if process is None:
-                process = _start_server(self.name, bitrate, data_bitrate)
+                process = _start_server(self.name, *rates)
             elif process.poll() not in (None, 0):
                 raise BusNotReachable(
                     f"the simulated bus {self.name!r} could not be started; "

@@ -1,4 +1,4 @@
-"""The door of a simulated bus: knocking, the handshake, and a client's two connections until both are there."""
+"""Accepts clients of a simulated bus: handshake, then pairs their two connections."""
 
 from __future__ import annotations
 
@@ -46,17 +46,17 @@ class Reception:
         listener.setblocking(False)
 
     def accept(self) -> None:
-        """Somebody knocks."""
+        """Accept one connection; its handshake is still to come."""
         try:
             stream, _ = self.listener.accept()
-        except OSError:  # the peer gave up between knocking and being let in
+        except OSError:  # the peer gave up before it was accepted
             return
         stream.setblocking(False)
         stream.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
         self.pending[stream] = RecordReader(stream)
 
     def shake_hands(self, stream: socket.socket) -> None:
-        """Somebody who was let in says who he is."""
+        """Read the first record of an accepted connection: join, pair with the receiving side, or refuse."""
         try:
             hello = self.pending[stream].read()
         except OSError:
@@ -119,6 +119,6 @@ class Reception:
         client.closing_ns = now_ns
 
     def close(self) -> None:
-        """Close every connection and the door."""
+        """Close every connection and the listener."""
         for stream in [*self.pending, *self.by_socket, self.listener]:
             stream.close()

@@ -16,7 +16,7 @@ from can import typechecking
 from hilbridge.bus.model.error_frames import ErrorState
 from hilbridge.bus.model.events import Enqueued
 from hilbridge.bus.model.frames import WireFrame, frame_fault
-from hilbridge.bus.simulated.client import BusClient, BusNotReachable
+from hilbridge.bus.simulated.client import BusClient, BusNotReachable, Rates
 from hilbridge.bus.simulated.network import Network, NothingToCome, Station
 from hilbridge.bus.simulated.protocol import Arrival
 from hilbridge.bus.simulated.server import serve
@@ -102,8 +102,7 @@ class SimulatedBus(can.BusABC):
                     receive_own=receive_own_messages,
                     bus_errors=bus_errors,
                     node=node,
-                    bitrate=int(bitrate),
-                    data_bitrate=int(data_bitrate),
+                    rates=Rates(int(bitrate), int(data_bitrate)),
                 )
                 self._channel, self._wall_offset_ns = str(channel), time.time_ns() - time.monotonic_ns()
         except (BusNotReachable, ValueError) as error:

@@ -7,6 +7,7 @@ from typing import Protocol
 
 from hilbridge.bus.model.error_frames import write_error_frame
 from hilbridge.bus.model.events import BusError, Delivered, Enqueued, Event, StateChanged
+from hilbridge.bus.model.faults import FOREVER_NS
 from hilbridge.bus.model.frames import WireFrame
 from hilbridge.bus.model.medium import Medium
 from hilbridge.bus.simulated.protocol import Arrival
@@ -112,21 +113,20 @@ class Network:
         Raises NothingToCome where there is neither a deadline nor anything that could happen.
         """
         now_ns = self.clock.now_ns()
-        if deadline_ns is None:
-            if self.medium.next_event_ns is None:
-                raise NothingToCome("waiting without end on a simulated bus on which nobody sends")
-        elif now_ns >= deadline_ns:
+        if deadline_ns is not None and now_ns >= deadline_ns:
             self.pump()
             return False
         if type(self.clock) is VirtualClock:  # nobody else can act meanwhile: jump to what happens first
             reached_ns, events = self.medium.advance_to_event(deadline_ns)
-            self.clock.wait_until(reached_ns)
-            self._handle(events)
-            return True
-        due_ns = self.medium.next_event_ns
-        target_ns = min(time_ns for time_ns in (due_ns, deadline_ns) if time_ns is not None)
-        self.clock.wait_until(max(target_ns, now_ns))
-        self.pump()
+        else:
+            reached_ns, events = now_ns, self.medium.advance(now_ns)
+            if not events:
+                due_ns = self.medium.due_ns
+                reached_ns = due_ns if deadline_ns is None else min(due_ns, deadline_ns)
+        if reached_ns == FOREVER_NS:
+            raise NothingToCome("waiting without end on a simulated bus on which nobody sends")
+        self.clock.wait_until(reached_ns)
+        self._handle(events)
         return True
 
 

@@ -99,23 +99,20 @@ class BusServer:
         return False
 
     def _wait(self) -> None:
-        due_ns = self.medium.next_event_ns
-        timeout_s = _TURN_S
-        if due_ns is not None:
-            # A sleep ends late by some ten microseconds, a frame lasts a quarter millisecond: wake early, then look often.
-            left_ns = due_ns - self._clock() - _WAKE_EARLY_NS
-            timeout_s = min(_TURN_S, max(0, left_ns) / NS_PER_S)
+        # A sleep ends late by some ten microseconds, a frame lasts a quarter millisecond: wake early, then look often.
+        left_ns = self.medium.due_ns - self._clock() - _WAKE_EARLY_NS
+        timeout_s = min(_TURN_S, max(0, left_ns) / NS_PER_S)
         writers = [
             box.stream
             for client in self._by_node.values()
             for box in (client.deliveries, client.credits)
             if box is not None and box.kept and not client.deaf
         ]
-        door = self._reception
-        readers = [door.listener, *door.pending, *door.by_socket]
+        reception = self._reception
+        readers = [reception.listener, *reception.pending, *reception.by_socket]
         readable, writable, _ = select.select(readers, writers, [], timeout_s)
         for stream in writable:
-            client = door.by_socket.get(stream)
+            client = reception.by_socket.get(stream)
             if client is not None:
                 box = client.deliveries if stream is client.receive else client.credits
                 if box is not None:
@@ -124,13 +121,13 @@ class BusServer:
             self._read(stream)
 
     def _read(self, stream: socket.socket) -> None:
-        door = self._reception
-        if stream is door.listener:
-            door.accept()
-        elif stream in door.pending:
-            door.shake_hands(stream)
-        elif stream in door.by_socket:
-            self._read_client(stream, door.by_socket[stream])
+        reception = self._reception
+        if stream is reception.listener:
+            reception.accept()
+        elif stream in reception.pending:
+            reception.shake_hands(stream)
+        elif stream in reception.by_socket:
+            self._read_client(stream, reception.by_socket[stream])
 
     def _read_client(self, stream: socket.socket, client: Client) -> None:
         if stream is client.receive or client.reader is None:  # nothing is ever sent on it: this is its end

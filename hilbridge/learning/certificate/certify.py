@@ -1,4 +1,4 @@
-"""A threshold with a finite-sample promise: P(act-only precision at tau_on < target) <= delta (issue 6).
+"""A threshold with a finite-sample promise: P(act-only precision at tau_on < target) <= delta.
 
 Windows of one person overlap and people differ, so the unit is the cluster (a person, or an independent recording), not
 the window. With e wrong and n acting windows in a cluster, `e - (1 - target) n` has a mean of at least 0 exactly when

@@ -33,6 +33,7 @@ class World:
     repeats: int = 25
     shift: float = 0.8
     overconfidence: float = 0.3
+    seed: int = 0
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +59,10 @@ def draw(world: World, people: int, rng: np.random.Generator) -> tuple[Floats, N
     return np.repeat(confidence.ravel(), world.repeats), np.repeat(right.ravel(), world.repeats), person
 
 
-def true_curve(world: World, seed: int = 0) -> tuple[Floats, Floats]:
+def true_curve(world: World) -> tuple[Floats, Floats]:
     """Act-only precision and coverage at every candidate tau in the whole population (a very large sample)."""
     single = World(world.events, 1, world.shift, world.overconfidence)
-    confidence, right, _ = draw(single, 40_000, np.random.default_rng([seed, 99]))
+    confidence, right, _ = draw(single, 40_000, np.random.default_rng([world.seed, 99]))
     acting = np.array([(confidence >= tau).sum() for tau in TAUS])
     hits = np.array([(right & (confidence >= tau)).sum() for tau in TAUS])
     return hits / np.maximum(acting, 1), acting / len(confidence)
@@ -74,17 +75,16 @@ def study(
     delta: float,
     world: World | None = None,
     mapie: bool = False,
-    seed: int = 0,
     progress: Callable[[], None] = lambda: None,
 ) -> list[Row]:
     """Violations and coverage lost against the oracle tau, per method, over `trials` simulated calibration sets."""
     world = world or World()
-    truth, coverage = true_curve(world, seed)
+    truth, coverage = true_curve(world)
     oracle = float(coverage[truth >= precision].max(initial=0.0))
     methods = [*map(str, Method), *(["mapie"] if mapie else [])]
     chosen: dict[str, list[int | None]] = {method: [] for method in methods}
     for trial in range(trials):
-        confidence, right, person = draw(world, people, np.random.default_rng([seed, people, trial]))
+        confidence, right, person = draw(world, people, np.random.default_rng([world.seed, people, trial]))
         counts = window_counts(confidence, right, person)
         for method in Method:
             tau = certify(counts, precision, delta, method).tau_on

@@ -116,7 +116,7 @@ def run_network(plan: Plan, folder: Path, kind: str = "gru") -> Path:
     parts["training"] = people(plan, "training", folder, seeds[: plan.overfit_people] if kind == "overfit" else seeds)
     ends = onset_ends(parts["training"]) if kind == "overfit" else near_onset(parts["training"])
     judged = onset_ends(parts["validation"])
-    trained = fit_network(recipe, parts["training"], parts["validation"], path.with_suffix(""), ends, judged)
+    trained = fit_network(recipe, parts["training"], parts["validation"], path.with_suffix(""), (ends, judged))
     if kind == "overfit":
         trained = _last_epoch(trained)
     kept: dict[str, NDArray[Any]] = {}

@@ -106,7 +106,8 @@ def synthetic_sections(work: Path, plan: Plan, workers: int, comparators: bool, 
     sections = [
         *_calibration_sections(pooled, taught, overfit),
         *_selective_sections(pooled, taught),
-        *_other_sections(pooled, members, plan, say),
+        *_loop_sections(pooled, say),
+        *_other_sections(pooled, members, plan),
     ]
     return [target_section(sections), *sections]
 
@@ -224,9 +225,8 @@ def _selective_sections(pooled: tables.Pooled, taught: tables.Pooled) -> list[Se
     ]
 
 
-def _other_sections(
-    pooled: tables.Pooled, members: dict[str, list[tables.Fold]], plan: Plan, say: Say
-) -> list[Section]:
+def _loop_sections(pooled: tables.Pooled, say: Say) -> list[Section]:
+    """What running it live costs, and how the gate acts on people it has not seen."""
     say("closed loop")
     loop = closed_loop_table(pooled)
     lines = {
@@ -236,7 +236,6 @@ def _other_sections(
         )
         for method in ("none", "isotonic")
     }
-    bundle = load_bundle(demo_bundle_path())
     return [
         Section(
             "e4_runtime",
@@ -265,6 +264,13 @@ def _other_sections(
             "What was done before is only what the system itself believed; no detector of action boundaries. Its setting is "
             "chosen on validation people. The wearer lives by the filter's own transitions: an upper bound for real people.",
         ),
+    ]
+
+
+def _other_sections(pooled: tables.Pooled, members: dict[str, list[tables.Fold]], plan: Plan) -> list[Section]:
+    """The tremor guard, other sources of uncertainty, and whether certificates keep their promise."""
+    bundle = load_bundle(demo_bundle_path())
+    return [
         Section(
             "tremor",
             "Tremor guard, demo bundle",

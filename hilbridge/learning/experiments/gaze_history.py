@@ -185,7 +185,7 @@ def _turn(recipe: Recipe, sessions: Sessions, streams: Streams, tested: frozense
     validation = [name for name in streams if _person(name) in held]
     test = [name for name in streams if _person(name) in tested]
     (stream, ends), (checked, checked_ends) = _joined(streams, training), _joined(streams, validation)
-    trained = fit_network(recipe, stream, checked, None, ends, checked_ends)
+    trained = fit_network(recipe, stream, checked, None, (ends, checked_ends))
     logits = {
         name: predict_logits(trained.network, *streams[name], trained.statistics) + trained.logit_offset
         for name in (*validation, *test)

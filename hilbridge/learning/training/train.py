@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import torch
@@ -58,20 +59,19 @@ def fit_network(
     training: Stream,
     validation: Stream,
     folder: Path | None = None,
-    training_ends: NDArray[np.int64] | None = None,
-    validation_ends: NDArray[np.int64] | None = None,
+    windows: tuple[NDArray[np.int64], NDArray[np.int64]] | None = None,
     progress: Progress | None = None,
     stop_after: int | None = None,
 ) -> Trained:
     """Train until the validation NLL (at its own best temperature) stops falling.
 
     With `folder`, log to train.csv and resume from checkpoint.pt.
+    windows: where the windows to train and to validate on end; default: before each action, and every 12 steps.
     stop_after: leave off after so many epochs although the schedule has more (to go on later).
     """
     torch.set_num_threads(recipe.threads)
     torch.manual_seed(recipe.seed)
-    ends = window_ends(training) if training_ends is None else training_ends
-    judged = window_ends(validation, 12) if validation_ends is None else validation_ends
+    ends, judged = windows or (window_ends(training), window_ends(validation, 12))
     statistics = training_statistics(training.values, training.valid)
     weights = class_weights(training.label[ends], recipe.class_weight_power)
     offset = -np.log(weights)
@@ -79,12 +79,13 @@ def fit_network(
     optimiser = torch.optim.AdamW(network.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, recipe.epochs)
     average = deepcopy(network)
+    learner = _Learner(network, average, optimiser)
     state = _Progress(recipe, network, average, optimiser, schedule, folder)
     task = progress.add_task(f"training {recipe.architecture}", total=recipe.epochs) if progress else None
     for epoch in range(state.resume(), min(recipe.epochs, stop_after or recipe.epochs)):
         if state.since_best >= recipe.patience:
             break
-        loss = _epoch(recipe, network, average, optimiser, training, ends, statistics, weights, epoch)
+        loss = _epoch(recipe, learner, training, ends, statistics, weights, epoch)
         schedule.step()
         logits = predict_logits(average, validation, judged, statistics) + offset
         labels = validation.label[judged]
@@ -120,11 +121,17 @@ def predict_logits(
     return np.concatenate(parts) if parts else np.zeros((0, len(VERBS)))
 
 
+class _Learner(NamedTuple):
+    """The network that learns, the moving average of its weights, and what moves them."""
+
+    network: Network
+    average: Network
+    optimiser: torch.optim.Optimizer
+
+
 def _epoch(
     recipe: Recipe,
-    network: Network,
-    average: Network,
-    optimiser: torch.optim.Optimizer,
+    learner: _Learner,
     training: Stream,
     ends: NDArray[np.int64],
     statistics: Statistics,
@@ -132,6 +139,7 @@ def _epoch(
     epoch: int,
 ) -> float:
     """One epoch over freshly drawn windows; everything random comes from (seed, epoch), so resuming changes nothing."""
+    network, average, optimiser = learner
     rng = np.random.default_rng([recipe.seed, epoch])
     torch.manual_seed(recipe.seed * 100_003 + epoch)
     count = min(recipe.windows_per_epoch, len(ends))

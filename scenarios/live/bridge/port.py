@@ -7,8 +7,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-from hilbridge.bus.port.asyncio_port import BusPort, PortState, SendResult
+from hilbridge.bus.port.asyncio_port import BusPort
 from hilbridge.bus.port.spec import BusSpec
+from hilbridge.bus.port.state import PortState, SendResult
 from hilbridge.records import Frame
 from scenarios.world.tap import Tap
 

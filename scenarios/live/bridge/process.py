@@ -15,8 +15,8 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection
 from pathlib import Path
 
-from hilbridge.bus.port.asyncio_port import PortState
 from hilbridge.bus.port.spec import BusSpec
+from hilbridge.bus.port.state import PortState
 from hilbridge.config import BusConfig, Config
 from hilbridge.errors import InputError
 from hilbridge.priority import use_realtime_scheduling

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 
+from hilbridge.limits import MS, TICK_NS
 from hilbridge.rows import TickRow
 from scenarios.signals.bridge import absent_bridge, bridge_signals
 from scenarios.signals.tracks import Tracks, Value
 from scenarios.world.fault_board import FOREVER_NS
 
-MS = 1_000_000
-TICK_NS = 40 * MS
 # The device's own patience with commands: a bridge that says nothing for so long asks for nothing any more.
 SILENT_NS = 100 * MS
 

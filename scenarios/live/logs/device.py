@@ -11,11 +11,11 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from hilbridge.limits import MS
 from hilbridge.rows import DeviceRow
 from scenarios.signals.device import DEVICE_AT_REST, DeviceLine, device_signals
 from scenarios.signals.tracks import Value
 
-MS = 1_000_000
 Column = NDArray[np.float64] | NDArray[np.object_]
 
 
