@@ -115,6 +115,8 @@ def test_rubbish_is_one_line(command: str, tmp_path: Path, capfd: pytest.Capture
     for kind, make in RUBBISH.items():
         path = tmp_path / f"{kind.replace(' ', '-')}.yaml"
         make(path)
+        if (command, kind) == ("data pack", "folder"):  # no session lacks a pack there
+            continue
         one_line(app, tuple(word.replace("{}", str(path)) for word in words), capfd)
 
 
