@@ -152,6 +152,7 @@ def campaign(
 def minimise(
     path: Annotated[Path, typer.Argument(help="a scenario that fails")],
     out: Annotated[Path | None, typer.Option(help="where to write the smaller one; default: NAME.min.yaml")] = None,
+    keep: Annotated[str | None, typer.Option(help="the violated expectation to keep, or a part of its text")] = None,
     seed: Seed = None,
 ) -> None:
     """Shrink a failing scenario: fewer faults, shorter, simpler, as long as it still fails in the same way."""
@@ -160,7 +161,7 @@ def minimise(
     from scenarios.minimise import minimise_scenario
 
     scenario = reseeded(load_scenario(located(path)), seed)
-    smaller = minimise_scenario(scenario, progress=lambda text: typer.echo(text, err=True))
+    smaller = minimise_scenario(scenario, progress=lambda text: typer.echo(text, err=True), keep=keep)
     target = out or path.with_suffix(".min.yaml")
     target.write_text(dump_scenario(smaller), encoding="utf-8")
     typer.echo(f"{target}: {len(smaller.steps)} of {len(scenario.steps)} faults, {smaller.duration / 1e9:g} s")
