@@ -81,6 +81,10 @@ class Device:
         """Injected overrun: the device's own clock moves on without its control loop (`tick_overrun`)."""
         self.skipped_ms += milliseconds
 
+    def start_anew(self, key: bytes, boot_nonce: int) -> None:
+        """Power lost and back at once: the controller begins with nothing remembered; the arm is where it was."""
+        self.state = ControllerState(key, boot_nonce, limits=self.state.limits)
+
     def break_motor(
         self, *, gain: float = 1.0, stuck: bool = False, lag_s: float = LAG_S, bias_nm: float = 0.0
     ) -> None:

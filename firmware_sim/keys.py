@@ -11,6 +11,9 @@ from firmware_sim.secoc import DEMO_KEY
 KEY_LENGTH = 16
 
 
+WRONG = bytes(range(16, 32))  # what a device with another key has, as a fault
+
+
 class KeyUnusable(ValueError):
     """The key cannot be used; the message is one line naming the file and the cure."""
 

@@ -25,7 +25,7 @@ from firmware_sim.clearing import HAND, awaited
 from firmware_sim.console import listen, read_terminal_politely, report_defect, say
 from firmware_sim.device import LOG_CYCLE_MS, Device
 from firmware_sim.frames import STOP, Reject
-from firmware_sim.keys import KeyUnusable, load_key
+from firmware_sim.keys import WRONG, KeyUnusable, load_key
 from firmware_sim.memory import COUNT_LOST, COUNT_STALL_TICKS, COUNT_TRIPS, ControllerState
 from firmware_sim.plant.arm import WEARERS
 from firmware_sim.priority import use_realtime_scheduling
@@ -36,7 +36,8 @@ _WAKE_NS = 2 * _TICK_NS  # frames carry their time of arrival, so waking less of
 _STALL_TICKS = 7
 _STALE_TICKS = 60  # what a tick further back wanted to send describes nothing any more
 _COMMANDS = (
-    "clear | overrun [MS] | stuck | gain X | lag MS | bias NM | mend | encoder MDEG | push NM | busoff | buson | quit"
+    "clear | overrun [MS] | stuck | gain X | lag MS | bias NM | mend | encoder MDEG | push NM | busoff | buson |"
+    " restart | wrongkey | quit"
 )
 
 
@@ -48,6 +49,7 @@ class Node:
         self.device = device
         self.bus = bus
         self.log = log
+        self._key = device.state.shared_key
         self.stopping = False
         self.commands: deque[str] = deque()
         self.most_behind = 0
@@ -169,6 +171,10 @@ class Node:
                 self.forced_bus_off = True
             case "buson":
                 self.forced_bus_off = False
+            case "restart":
+                self._start_anew(self._key)
+            case "wrongkey":
+                self._start_anew(WRONG)
             case "quit":
                 self.stopping = True
             case _:
@@ -182,6 +188,9 @@ class Node:
         elif waits_for != HAND:
             say(f"clear refused: too early, waits for {waits_for}; confirm again after that")
         self.device.local_clear = True
+
+    def _start_anew(self, key: bytes) -> None:
+        self.device.start_anew(key, self._nonce())
 
     def _break_motor_further(self, **fault: Any) -> None:
         """One more fault of the actuator; those it has already stay until `mend`."""

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hilbridge.cli_learning import register
+from hilbridge import cli_bus, cli_learning
 from hilbridge.guard import run_guarded
 
 if TYPE_CHECKING:
@@ -181,7 +181,7 @@ def fetch_models(
 
 @app.command("bus-analysis")
 def bus_analysis(
-    dbc: Annotated[Path, typer.Argument(help="a DBC file, such as dbc/iassistadl.dbc")],
+    dbc: Annotated[Path, typer.Argument(help="a DBC file; `hilbridge dbc --out FILE` writes ours")],
     bitrate: Annotated[int, typer.Option("--bitrate", help="bit/s")] = 500_000,
     error_interval_ms: Annotated[
         float | None, typer.Option("--error-interval-ms", min=1.0, help="one error frame in each such interval")
@@ -230,7 +230,8 @@ def report(
         typer.echo(f"report     {target}")
 
 
-register(app)
+cli_bus.register(app)
+cli_learning.register(app)
 
 
 def main() -> None:

@@ -95,7 +95,7 @@ def load_config(path: Path | None, overrides: dict[str, dict[str, object]] | Non
             data = tomllib.loads(path.read_text(encoding="utf-8"))
         except FileNotFoundError:
             raise InputError(
-                f"config {path}: no such file; write one (docs/configuration.md) or leave --config out"
+                f"config {path}: no such file; write one (`hilbridge docs configuration`) or leave --config out"
             ) from None
         except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
             raise InputError(f"config {path}: not readable as TOML: {error}") from None

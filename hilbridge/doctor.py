@@ -199,7 +199,9 @@ async def _hear(spec: str, seconds: float) -> list[Finding]:
         rejected = {name: n for name, n in counters.items() if name.startswith("Rej") and n}
         if rejected:
             text = ", ".join(f"{name} {count}" for name, count in rejected.items())
-            findings.append(Finding(f"rejected by {who}", Verdict.NOTE, text, "docs/safety.md says what each means"))
+            findings.append(
+                Finding(f"rejected by {who}", Verdict.NOTE, text, "`hilbridge docs safety` says what each means")
+            )
     return findings
 
 

@@ -159,8 +159,11 @@ def _workers(jobs: int, cluster: str | None) -> Iterator[Callable[[], joblib.Par
     def pool() -> joblib.Parallel:
         return joblib.Parallel(n_jobs=jobs)
 
+    def own_pool() -> joblib.Parallel:  # workers that end with this process; a cluster's are the cluster's own
+        return joblib.Parallel(n_jobs=jobs, initializer=end_with, initargs=(os.getpid(),))
+
     if cluster is None:
-        yield pool
+        yield own_pool
         return
     kind, _, _ = cluster.partition(":")
     try:
@@ -238,14 +241,13 @@ def run_campaign(
         progress("")
     left = [sample for sample in samples if sample.key not in known]
     torn = log.exists() and not log.read_bytes().endswith(b"\n")
-    parent = os.getpid() if cluster is None else None
     with log.open("a", encoding="utf-8") as file, _workers(jobs, cluster) as workers:
         if torn:  # what an interrupted call left of its last line must not swallow the next
             file.write("\n")
         if not known and file.tell() == 0:
             file.write(json.dumps({"base": _fingerprint(base)}) + "\n")
         for start in range(0, len(left), _CHUNK):
-            for outcome in _run_chunk(workers, base, left[start : start + _CHUNK], parent):
+            for outcome in _run_chunk(workers, base, left[start : start + _CHUNK]):
                 outcomes.append(outcome)
                 file.write(json.dumps(outcome.as_json()) + "\n")
                 progress(outcome.sample.fault)
@@ -256,22 +258,11 @@ def run_campaign(
     return sorted(outcomes, key=lambda outcome: (outcome.safe, outcome.robustness))
 
 
-def _leased(parent: int | None, run: Callable[[Scenario, Sample], Outcome], base: Scenario, sample: Sample) -> Outcome:
-    """In a worker, which ends with the process that has started it; a cluster's workers are the cluster's own."""
-    if parent is not None:
-        end_with(parent)
-    return run(base, sample)
-
-
-def _run_chunk(
-    workers: Callable[[], joblib.Parallel], base: Scenario, chunk: Sequence[Sample], parent: int | None
-) -> list[Outcome]:
+def _run_chunk(workers: Callable[[], joblib.Parallel], base: Scenario, chunk: Sequence[Sample]) -> list[Outcome]:
     for attempt in range(_RETRIES + 1):
         try:
             # A new pool each time: one that has lost a worker of Ray's answers its next call with nothing at all.
-            outcomes: list[Outcome] = workers()(
-                joblib.delayed(_leased)(parent, run_sample, base, sample) for sample in chunk
-            )
+            outcomes: list[Outcome] = workers()(joblib.delayed(run_sample)(base, sample) for sample in chunk)
             if len(outcomes) != len(chunk):
                 raise RuntimeError(f"{len(outcomes)} of {len(chunk)} samples came back")
             return outcomes

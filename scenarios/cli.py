@@ -25,7 +25,7 @@ app = typer.Typer(
 )
 
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text")]
-Paths = Annotated[list[Path], typer.Argument(help="scenario files, or folders of them")]
+Paths = Annotated[list[Path], typer.Argument(help="scenario files, folders of them, or `catalog`, which ships")]
 Seed = Annotated[int | None, typer.Option(min=0, help="in place of the scenario's own seed")]
 
 
@@ -86,13 +86,13 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run scenarios and judge them; exit 1 when one fails, 2 for input that cannot be used."""
-    from scenarios.format.collect import collect
+    from scenarios.format.collect import collect, located
     from scenarios.live.possible import live_bus
     from scenarios.runner import RunOptions, refuse_recorded, run_all, sort_out
     from scenarios.terminal import print_results, progress_bar
 
     spec = live_bus(bus, live=live, profile=profile)
-    named = [path for path in paths if not path.is_dir()]
+    named = [path for path in map(located, paths) if not path.is_dir()]
     found, skipped = sort_out(collect(paths), named, spec)
     if not found:
         raise InputError(
@@ -130,10 +130,11 @@ def campaign(
 ) -> None:
     """Inject every fault at many instants in every gate state; rank by how near each run came to hurting somebody."""
     from scenarios.campaign import run_campaign, samples_of
+    from scenarios.format.collect import located
     from scenarios.format.files import load_scenario
     from scenarios.terminal import print_campaign, progress_bar
 
-    scenario = load_scenario(base)
+    scenario = load_scenario(located(base))
     wanted = samples_of(scenario, samples, seed, tuple(fault or ()))
     with progress_bar(len(wanted), quiet=as_json) as progress:
         outcomes = run_campaign(scenario, wanted, out, jobs=jobs, cluster=cluster, progress=progress)
@@ -151,14 +152,16 @@ def campaign(
 def minimise(
     path: Annotated[Path, typer.Argument(help="a scenario that fails")],
     out: Annotated[Path | None, typer.Option(help="where to write the smaller one; default: NAME.min.yaml")] = None,
+    keep: Annotated[str | None, typer.Option(help="the violated expectation to keep, or a part of its text")] = None,
     seed: Seed = None,
 ) -> None:
     """Shrink a failing scenario: fewer faults, shorter, simpler, as long as it still fails in the same way."""
+    from scenarios.format.collect import located
     from scenarios.format.files import dump_scenario, load_scenario, reseeded
     from scenarios.minimise import minimise_scenario
 
-    scenario = reseeded(load_scenario(path), seed)
-    smaller = minimise_scenario(scenario, progress=lambda text: typer.echo(text, err=True))
+    scenario = reseeded(load_scenario(located(path)), seed)
+    smaller = minimise_scenario(scenario, progress=lambda text: typer.echo(text, err=True), keep=keep)
     target = out or path.with_suffix(".min.yaml")
     target.write_text(dump_scenario(smaller), encoding="utf-8")
     typer.echo(f"{target}: {len(smaller.steps)} of {len(scenario.steps)} faults, {smaller.duration / 1e9:g} s")

@@ -1,7 +1,7 @@
 """Shrinks a failing scenario: fewer faults first (delta debugging, Zeller 1999), then shorter, then simpler.
 
-A candidate counts only where it fails in the same way: at least one of the original's violated expectations is
-violated again.
+A candidate counts only where it fails in the same way: one violation of the original's is chosen, the first of its
+expectations that fails or the one that was asked for, and every smaller scenario violates that one again.
 """
 
 from __future__ import annotations
@@ -28,17 +28,26 @@ def minimise_scenario(
     scenario: Scenario,
     fails: Callable[[Scenario], frozenset[str]] = violations,
     progress: Callable[[str], None] = lambda text: None,
+    keep: str | None = None,
 ) -> Scenario:
-    """The smallest scenario found that still fails. Raises InputError when the given one does not fail."""
-    wanted = fails(scenario)
-    if not wanted:
+    """The smallest scenario found that still violates the same expectation. Raises InputError when there is none.
+
+    `keep`: the expectation to keep, or a part of its text; without it the first in order of their texts.
+    """
+    failing = sorted(fails(scenario))
+    if not failing:
         raise InputError(f"{scenario.name}: does not fail, so there is nothing to minimise")
+    chosen = [text for text in failing if keep is None or keep in text]
+    if not chosen:
+        raise InputError(f"--keep {keep}: is not violated; violated are {', '.join(f'`{text}`' for text in failing)}")
+    wanted = chosen[0]
+    progress(f"keeps the violation of `{wanted}`{_besides(failing, wanted)}")
     tried: dict[str, bool] = {}
 
     def still(candidate: Scenario) -> bool:
         key = dump_scenario(candidate)
         if key not in tried:
-            tried[key] = bool(fails(candidate) & wanted)
+            tried[key] = wanted in fails(candidate)
         return tried[key]
 
     small = _fewer_steps(scenario, still)
@@ -47,6 +56,11 @@ def minimise_scenario(
     small = _simpler(small, still)
     progress(f"{small.duration / 1e9:g} s long after {len(tried)} runs")
     return small
+
+
+def _besides(failing: list[str], wanted: str) -> str:
+    others = [f"`{text}`" for text in failing if text != wanted]
+    return f", not of {', '.join(others)} (--keep chooses)" if others else ""
 
 
 def _fewer_steps(scenario: Scenario, still: Callable[[Scenario], bool]) -> Scenario:

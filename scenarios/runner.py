@@ -88,14 +88,11 @@ def run_all(
 def _outcomes(found: Sequence[tuple[Path, Scenario]], options: RunOptions) -> Iterator[Result | InputError]:
     if options.live is not None:  # real time: one after the other, and none in a pool's worker
         return (_run_one(path, scenario, options) for path, scenario in found)
-    calls = [joblib.delayed(_in_worker)(os.getpid(), path, scenario, options) for path, scenario in found]
-    outcomes: Iterator[Result | InputError] = joblib.Parallel(n_jobs=options.jobs, return_as="generator")(calls)
+    calls = [joblib.delayed(_run_one)(path, scenario, options) for path, scenario in found]
+    outcomes: Iterator[Result | InputError] = joblib.Parallel(
+        n_jobs=options.jobs, return_as="generator", initializer=end_with, initargs=(os.getpid(),)
+    )(calls)
     return outcomes
-
-
-def _in_worker(parent: int, path: Path, scenario: Scenario, options: RunOptions) -> Result | InputError:
-    end_with(parent)
-    return _run_one(path, scenario, options)
 
 
 def _run_one(path: Path, scenario: Scenario, options: RunOptions) -> Result | InputError:

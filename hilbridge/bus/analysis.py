@@ -152,9 +152,9 @@ def streams_of_dbc(path: Path, *, event_distance_ms: float = EVENT_DISTANCE_MS) 
     try:
         database: Any = cantools.database.load_file(str(path), database_format="dbc", strict=False)
     except OSError as error:
-        raise InputError(f"{path}: {error.strerror}; give the path of a DBC file such as dbc/iassistadl.dbc") from error
+        raise InputError(f"{path}: {error.strerror}; give a DBC file; `hilbridge dbc` prints ours") from error
     except Exception as error:  # cantools raises whatever its parser meets
-        raise InputError(f"{path}: no DBC file; give one such as dbc/iassistadl.dbc") from error
+        raise InputError(f"{path}: no DBC file; `hilbridge dbc --out FILE` writes ours") from error
     streams = []
     for message in database.messages:
         attributes: Mapping[str, Any] = message.dbc.attributes if message.dbc else {}

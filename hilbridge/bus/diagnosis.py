@@ -83,7 +83,7 @@ def known_messages(path: Path) -> dict[int, Known]:
     try:
         database: Any = cantools.database.load_file(str(path), database_format="dbc", strict=False)
     except Exception as error:  # cantools raises whatever its parser meets
-        raise InputError(f"{path}: no DBC file; give one such as dbc/iassistadl.dbc") from error
+        raise InputError(f"{path}: no DBC file; `hilbridge dbc --out FILE` writes ours") from error
     return {
         message.frame_id: Known(
             message.name, message.senders[0] if len(message.senders) == 1 else "", float(message.cycle_time or 0)
@@ -210,7 +210,7 @@ def _traffic(seen: Observation, bitrate: int) -> list[BusFinding]:
         text = (
             f"{heard}, yet {broken} were destroyed ({share:.1%}): a sign of missing termination, a bad cable or noise"
         )
-        cure = "power off and measure CAN_H to CAN_L: 60 ohm is right, 120 is one terminator missing (docs/real-bus.md)"
+        cure = "power off and measure CAN_H to CAN_L: 60 ohm is right, 120 lacks one terminator (`hilbridge docs real-bus`)"
         return [BusFinding("termination", Severity.ILL if share > 0.05 else Severity.NOTE, text, cure)]
     if not good:
         text = f"nothing heard in {seen.seconds:.1f} s, no errors either"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,10 +19,22 @@ from hilbridge.sensors.source import Source, SourceState
 _RETRY_S = 0.5
 _READS_BEFORE_GONE = 5
 _OPEN_TIMEOUT_MS = 5_000
+_LAST_CAMERA = 255
 
 # OpenCV and FFmpeg print to stderr what this module reports in one line of its own.
 os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
 cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+
+
+def _numbered(spec: str) -> str:
+    """A camera's path, as `v4l2-ctl --list-devices` prints it, is its number. Raises InputError for another device."""
+    if (found := re.fullmatch(r"/dev/video(\d+)", spec)) is not None:
+        spec = found[1]
+    if spec.isdigit() and int(spec) > _LAST_CAMERA:
+        raise InputError(f"camera {spec}: no such number; `v4l2-ctl --list-devices` lists cameras")
+    if "://" not in spec and Path(spec).is_char_device():
+        raise InputError(f"camera {spec}: is a device but no /dev/videoN; give a camera's number")
+    return spec
 
 
 class CameraSource(Source[CameraFrame]):
@@ -44,7 +57,7 @@ class CameraSource(Source[CameraFrame]):
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         super().__init__(f"camera {spec}", clock_ns)
-        self._spec = spec
+        self._spec = spec = _numbered(spec)
         self._is_file = not spec.isdigit() and "://" not in spec
         if fps is not None and "://" in spec:
             raise InputError(f"camera {spec}: a stream's rate is set where it is sent; leave --camera-fps out")

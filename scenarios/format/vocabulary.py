@@ -99,6 +99,13 @@ _OTHERS: tuple[FaultKind, ...] = (
         instant=True,
     ),
     FaultKind(
+        "bridge.second",
+        "another bridge speaks on the same bus, with counters of its own",
+        {"per_s": Option(25, 1, 1000, "commands a second")},
+    ),
+    FaultKind("device.restart", "the device loses power and starts anew, with nothing remembered", instant=True),
+    FaultKind("device.wrong_key", "the device has started anew with another key; at the end with the right one again"),
+    FaultKind(
         "device.sensor_fault",
         "the device's joint sensor jumps and sticks",
         {"offset_deg": Option(25, 1, 180, "by so much")},
@@ -148,7 +155,7 @@ FAULTS: dict[str, FaultKind] = {
 
 # Who carries a fault of the bus out: its wire, or a third node on it. All others are a tap's, between node and bus.
 WIRE_FAULTS = ("bus.cut", "bus.bus_off")
-INTRUDER_FAULTS = ("bus.babble", "bus.replay", "bus.forge", "bus.stop")
+INTRUDER_FAULTS = ("bus.babble", "bus.replay", "bus.forge", "bus.stop", "bridge.second")
 
 
 def fault_kind(name: str) -> FaultKind:

@@ -6,11 +6,12 @@ from collections.abc import Callable
 
 from hilbridge.rows import DeviceRow
 from scenarios.world.arm import PUSHING, opposing, push_nm
-from scenarios.world.device_faults import BIAS, ENCODER, LAG, OVERRUN, acting, broken
+from scenarios.world.device_faults import BIAS, ENCODER, LAG, OVERRUN, RESTART, WRONG_KEY, acting, broken
 from scenarios.world.fault_board import Active, FaultBoard
 
 # fault -> the command that makes it; what counts is what the device has obeyed
 _COMMANDS = {ENCODER: "encoder", LAG: "lag", BIAS: "bias"}
+_INSTANTS = {"overrun": OVERRUN, "restart": RESTART, "wrongkey": WRONG_KEY}
 
 
 class DeviceWorld:
@@ -26,6 +27,11 @@ class DeviceWorld:
         if active.step.fault == OVERRUN:
             if self._board.get(OVERRUN) is active:  # an instant: its end is nothing
                 self._command(f"overrun {round(active['overrun_ms'])}")
+            return
+        if active.step.fault in (RESTART, WRONG_KEY):
+            under_way = self._board.get(active.step.fault) is active
+            if under_way or active.step.fault == WRONG_KEY:
+                self._command("wrongkey" if under_way and active.step.fault == WRONG_KEY else "restart")
             return
         self._obeyed -= set(_COMMANDS.values())
         wrong = broken(self._board)
@@ -50,8 +56,8 @@ class DeviceWorld:
         """The device's log has the command."""
         word = command.split()[0]
         self._obeyed.add(word)
-        if word == "overrun":
-            waiting = (one for one in self._board.all if one.step.fault == OVERRUN and one.effects < one.injections)
+        if (fault := _INSTANTS.get(word)) is not None:
+            waiting = (one for one in self._board.all if one.step.fault == fault and one.effects < one.injections)
             if (active := next(waiting, None)) is not None:
                 active.took_effect()
 

@@ -40,7 +40,7 @@ class LiveIntruder:
                     self._at(now_ns + repeat * STOP_GAP_NS, active, (layout.STOP, b""))
             case "bus.babble":
                 self._babbling.append((active, now_ns))
-            case "bus.forge":
+            case "bus.forge" | "bridge.second":
                 self._forging.append((active, now_ns))
             case "bus.replay":
                 past_ns = round(active["past_s"] * 1e9)
@@ -91,5 +91,6 @@ class LiveIntruder:
     def _forge(self, active: Active, due_ns: int, now_ns: int) -> tuple[Active, int]:
         if now_ns < due_ns:
             return active, due_ns
-        self._send(active, tuple(self._forger.pair()), now_ns)
+        made = self._forger.pair() if active.step.fault == "bus.forge" else self._forger.second()
+        self._send(active, tuple(made), now_ns)
         return active, max(now_ns, due_ns + round(1e9 / active["per_s"]))

@@ -31,7 +31,7 @@ _PR_SET_PDEATHSIG = 1
 LOG_CYCLE_MS = 5
 
 _fork = multiprocessing.get_context("forkserver")
-_fork.set_forkserver_preload(["scenarios.live.bridge.warm"])
+_fork.set_forkserver_preload(["scenarios.live.bridge.leash", "scenarios.live.bridge.warm"])
 
 
 class Lines:

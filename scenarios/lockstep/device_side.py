@@ -6,6 +6,7 @@ import random
 from collections.abc import Iterable, Sequence
 
 from firmware_sim.device import Device
+from firmware_sim.keys import WRONG
 from firmware_sim.memory import ControllerState, Received
 from firmware_sim.plant.actuator import LAG_S
 from firmware_sim.secoc import DEMO_KEY
@@ -16,7 +17,7 @@ from scenarios.lockstep.bus_side import BusSide
 from scenarios.lockstep.probes import DeviceProbe
 from scenarios.lockstep.run_log import RunLog
 from scenarios.world.arm import PUSHING, opposing, push_nm
-from scenarios.world.device_faults import OVERRUN, acting, broken
+from scenarios.world.device_faults import OVERRUN, RESTART, WRONG_KEY, acting, broken
 from scenarios.world.fault_board import Active, FaultBoard
 from scenarios.world.tap import Tap
 
@@ -52,6 +53,9 @@ class DeviceSide:
         if active.step.fault == OVERRUN:
             self.device.skip(round(active["overrun_ms"]))
             active.took_effect()
+        elif active.step.fault in (RESTART, WRONG_KEY):
+            self._start_anew(WRONG if active.step.fault == WRONG_KEY else DEMO_KEY)
+            active.took_effect()
         else:
             self._break()
 
@@ -59,8 +63,14 @@ class DeviceSide:
         """... and ends."""
         if active.step.fault in PUSHING:
             self.device.wearer_extra_nm = 0.0  # another one's push comes back with the next tick
+        elif active.step.fault == WRONG_KEY:
+            self._start_anew(DEMO_KEY)
         else:
             self._break()
+
+    def _start_anew(self, key: bytes) -> None:
+        """Power lost and back: the controller remembers nothing; its arm is where it was."""
+        self.device.start_anew(key, self._chance.getrandbits(32))
 
     def _break(self) -> None:
         wrong, device = broken(self._board), self.device

@@ -99,10 +99,10 @@ class Lockstep:
     def begin(self, number: int, active: Active, now_ns: int) -> None:
         """Hand a fault to the part that carries it out. Sensors, wearer and taps look at the board by themselves."""
         fault = active.step.fault
-        if fault.startswith("bridge."):
-            self.bridge.begin(active)
-        elif fault in INTRUDER_FAULTS:
+        if fault in INTRUDER_FAULTS:
             self.intruder.begin(active)
+        elif fault.startswith("bridge."):
+            self.bridge.begin(active)
         elif fault in WIRE_FAULTS:
             self.bus.begin(active)
         elif fault.startswith("device."):
@@ -111,6 +111,8 @@ class Lockstep:
     def end(self, number: int, active: Active, now_ns: int) -> None:
         """Tell the same part that the fault is over."""
         fault = active.step.fault
+        if fault in INTRUDER_FAULTS:
+            return  # it looks at the board by itself
         if fault.startswith("bridge."):
             self.bridge.end(active)
         elif fault == "bus.stale_queue":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from functools import partial
 
 from firmware_sim import frames as layout
@@ -39,7 +40,9 @@ class Intruder:
             case "bus.replay":
                 self._replay(active)
             case "bus.forge":
-                self._forge(active)
+                self._forge(active, self._forger.pair)
+            case "bridge.second":
+                self._forge(active, self._forger.second)
             case "bus.stop":
                 for repeat in range(STOP_REPEATS):
                     self._at(self._clock.time_ns + repeat * STOP_GAP_NS, active, layout.STOP, b"")
@@ -78,13 +81,13 @@ class Intruder:
             if self._clock.time_ns <= sent_ns + past_ns < end_ns:
                 self._at(sent_ns + past_ns, active, can_id, data)
 
-    def _forge(self, active: Active) -> None:
-        """Send a made-up command with its authorisation, now and at the fault's rate."""
+    def _forge(self, active: Active, make: Callable[[], list[tuple[int, bytes]]]) -> None:
+        """Send made-up frames, now and at the fault's rate."""
         if not self._under_way(active):
             return
         while (arrival := self._station.receive()) is not None:
             if not arrival.error:
                 self._forger.hear(arrival.frame.can_id, arrival.frame.data)
-        command, authorisation = self._forger.pair()
-        active.took_effect(self._send(*command) & self._send(*authorisation))
-        self._clock.at(self._clock.time_ns + round(1e9 / active["per_s"]), partial(self._forge, active))
+        sent = [self._send(*frame) for frame in make()]
+        active.took_effect(all(sent))
+        self._clock.at(self._clock.time_ns + round(1e9 / active["per_s"]), partial(self._forge, active, make))

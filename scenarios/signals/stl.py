@@ -98,7 +98,7 @@ def parse(text: str) -> lark.Tree[lark.Token]:
         at_end = token is not None and token.type == "$END"
         where = "its end" if at_end else f"column {getattr(error, 'column', '?')}"
         raise FormulaError(
-            f"cannot read `{text}` at {where}; see docs/scenarios.md for what a formula may say"
+            f"cannot read `{text}` at {where}; `hilbridge docs scenarios` says what a formula may say"
         ) from None
     if _depth(tree) > _DEEPEST:
         raise FormulaError(f"a formula nested {_depth(tree)} deep; at most {_DEEPEST} are read")

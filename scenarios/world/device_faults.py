@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from scenarios.world.fault_board import Active, FaultBoard
 
 OVERRUN = "device.tick_overrun"  # an instant, so none of the lasting ones
+RESTART = "device.restart"  # so is this
+WRONG_KEY = "device.wrong_key"
 ENCODER, LAG, BIAS = "device.sensor_fault", "device.actuator_lag", "device.torque_bias"
 
 

@@ -23,6 +23,7 @@ class Forger:
         self._random = random.Random(f"{seed}.forger")
         self._counters = {"ACT_CMD": 0, "ACT_AUTH": 0}
         self._session = self._echo = 0
+        self._second = 0  # the counter of a second bridge's commands
 
     def hear(self, can_id: int, data: bytes) -> None:
         """Learn session, echo and counters from the bus, as anybody there can."""
@@ -48,6 +49,14 @@ class Forger:
         }
         authorisation = {"Freshness": self._random.getrandbits(8), "Mac": self._random.getrandbits(32)}
         return [self._made("ACT_CMD", command), self._made("ACT_AUTH", authorisation)]
+
+    def second(self) -> list[tuple[int, bytes]]:
+        """The command of another bridge, which knows nothing of ours: HOLD, under a counter of its own."""
+        ours, self._counters["ACT_CMD"] = self._counters["ACT_CMD"], self._second
+        hold: dict[str, Value] = {"Gate": "Hold", "Verb": "None", "Confidence": 0, "Session": 0}
+        made = self._made("ACT_CMD", {**hold, "Echo": self._echo, "SensingAge": 20})
+        self._second, self._counters["ACT_CMD"] = self._counters["ACT_CMD"], ours
+        return [made]
 
     def _made(self, message: str, signals: Mapping[str, Value]) -> tuple[int, bytes]:
         layout_of = codec().messages[message]

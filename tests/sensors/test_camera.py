@@ -166,3 +166,16 @@ def test_a_url_that_ends_is_gone_and_comes_back(video: Path) -> None:
 def test_a_url_with_nobody_behind_it_is_refused() -> None:
     with pytest.raises(InputError, match=r"camera http://127\.0\.0\.1:9/x\.mp4: cannot be opened"):
         CameraSource("http://127.0.0.1:9/x.mp4")
+
+
+@pytest.mark.parametrize(
+    ("spec", "said"),
+    [
+        ("/dev/null", "is a device but no /dev/videoN"),
+        ("/dev/video77", "camera 77: cannot be opened"),
+        ("99999999999999999999", "no such number"),
+    ],
+)
+def test_a_camera_may_be_named_by_its_path(spec: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        CameraSource(spec)

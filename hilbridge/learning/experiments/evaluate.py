@@ -122,8 +122,9 @@ def _all(workers: int, what: str, function: Callable[..., Any], jobs: Sequence[t
     columns = [TextColumn("{task.description}"), BarColumn(24), MofNCompleteColumn(), TimeElapsedColumn()]
     with Progress(*columns, console=Console(stderr=True)) as bar:
         task = bar.add_task(what, total=len(jobs))
+        pool = Parallel(n_jobs=workers, return_as="generator_unordered", initializer=end_with, initargs=(os.getpid(),))
         calls = [run(os.getpid(), function, arguments) for arguments in jobs]
-        for result in Parallel(n_jobs=workers, return_as="generator_unordered")(calls):
+        for result in pool(calls):
             made.append(result)
             bar.advance(task)
     return made
@@ -133,7 +134,6 @@ def _undisturbed(parent: int, function: Callable[..., Any], arguments: tuple[Any
     """Call `function` in a worker that leaves Ctrl-C to its parent; with one worker that is the parent itself."""
     if os.getpid() != parent:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        end_with(parent)
     return function(*arguments)
 
 

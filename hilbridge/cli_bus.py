@@ -1,0 +1,102 @@
+"""Commands for whoever looks at the bus from outside: the DBC, what is on a bus in words, the documents."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from hilbridge.errors import InputError
+
+if TYPE_CHECKING:
+    from hilbridge.records import Frame
+    from hilbridge.wire.link import WireLink
+
+
+def register(app: typer.Typer) -> None:
+    """Add them to the command line."""
+    app.command("dbc")(dbc)
+    app.command("candump")(candump)
+    app.command("docs")(docs)
+
+
+def dbc(out: Annotated[Path | None, typer.Option(help="file to write; default: print it")] = None) -> None:
+    """The DBC of bridge and device, for cantools, SavvyCAN, Wireshark and your own firmware."""
+    from hilbridge.wire.dbc import default_dbc_path
+
+    text = default_dbc_path().read_text(encoding="utf-8")
+    if out is None:
+        typer.echo(text, nl=False)
+    elif out.exists():
+        raise InputError(f"{out}: is there already; name another file")
+    else:
+        out.write_text(text, encoding="utf-8")
+
+
+def docs(name: Annotated[str | None, typer.Argument(help="which; without it they are listed")] = None) -> None:
+    """Print one of the documents that come with the program."""
+    folder = Path(__file__).parent / "docs"
+    known = {path.stem: path for path in sorted(folder.glob("*.md"))}
+    if name is None:
+        for stem, path in known.items():
+            typer.echo(f"{stem:<20} {path.read_text(encoding='utf-8').splitlines()[0].lstrip('# ')}")
+    elif name not in known:
+        raise InputError(f"docs {name}: no such document; there are {', '.join(known)}")
+    else:
+        typer.echo(known[name].read_text(encoding="utf-8"))
+
+
+def candump(
+    bus: Annotated[str, typer.Option("--bus", help="auto, vcan0, can0, hilsim:NAME, any interface:channel")] = "auto",
+    seconds: Annotated[float | None, typer.Option(min=0.0, help="stop after so long; default: at Ctrl-C")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object a frame")] = False,
+) -> None:
+    """Print every frame of a bus in words, checked as the bridge checks it. Sends nothing."""
+    asyncio.run(_dump(bus, seconds, as_json))
+
+
+async def _dump(bus: str, seconds: float | None, as_json: bool) -> None:
+    from hilbridge.bus.port.asyncio_port import BusPort
+    from hilbridge.wire.codec import Codec
+    from hilbridge.wire.link import WireLink
+
+    link = WireLink(Codec(), node="")  # nobody's own messages: all are read
+    async with BusPort.open(bus, listen_only=True) as port:
+        begin_ns = time.monotonic_ns()
+        try:
+            async with asyncio.timeout(seconds):
+                while True:
+                    frame = await port.receive()
+                    told = in_words(link, frame, ((frame.received_ns or begin_ns) - begin_ns) / 1e9)
+                    typer.echo(json.dumps(told) if as_json else _line(told))
+                    sys.stdout.flush()
+        except TimeoutError:
+            return
+
+
+def in_words(link: WireLink, frame: Frame, at_s: float) -> dict[str, Any]:
+    """One frame: when, what, and what is wrong with it, if anything."""
+    from hilbridge.wire.codec import Decoded
+
+    told: dict[str, Any] = {
+        "s": round(at_s, 6),
+        "id": f"{frame.can_id:0{8 if frame.is_extended else 3}X}",
+        "data": frame.data.hex(" ").upper(),
+    }
+    if frame.is_error:
+        return {**told, "name": "error frame"}
+    outcome = link.decode(frame)
+    if isinstance(outcome, Decoded):
+        return {**told, "name": outcome.name, "counter": outcome.counter, "signals": dict(outcome.signals)}
+    return {**told, "name": outcome.name, "rejected": outcome.reason.value}
+
+
+def _line(told: dict[str, Any]) -> str:
+    signals = " ".join(f"{name}={value}" for name, value in told.get("signals", {}).items())
+    what = f"rejected: {told['rejected']}" if "rejected" in told else signals
+    return f"{told['s']:12.6f}  {told['id']:>8}  [{told['data']}]  {told['name'] or 'not ours'}  {what}".rstrip()

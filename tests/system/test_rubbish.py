@@ -1,0 +1,171 @@
+"""Every command and twenty kinds of rubbish: one line, exit code 2 (or 1 for a verdict), never a traceback.
+
+In this process, since what is tested is what leaves `guarded`; a sample goes through the real programs.
+"""
+
+from __future__ import annotations
+
+import random
+import signal
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+import typer
+
+from firmware_sim import node
+from hilbridge import cli
+from hilbridge.guard import guarded
+from scenarios import cli as scenario_cli
+
+RUBBISH: dict[str, Callable[[Path], object]] = {
+    "absent": lambda path: None,
+    "empty": lambda path: path.write_bytes(b""),
+    "folder": lambda path: path.mkdir(),
+    "one byte": lambda path: path.write_bytes(b"\x00"),
+    "noise": lambda path: path.write_bytes(random.Random(1).randbytes(4096)),
+    "text": lambda path: path.write_text("not what you think\n" * 50),
+    "latin-1": lambda path: path.write_bytes("Gr\xfc\xdfe: \xe9t\xe9\n".encode("latin-1") * 20),
+    "utf-16": lambda path: path.write_text("a: 1\n" * 20, encoding="utf-16"),
+    "bom": lambda path: path.write_bytes(b"\xef\xbb\xbf"),
+    "nul bytes": lambda path: path.write_bytes(b"a\x00b\x00c\n" * 50),
+    "one long line": lambda path: path.write_text("x" * 200_000),
+    "deep": lambda path: path.write_text("[" * 20_000),
+    "json list": lambda path: path.write_text("[1, 2, 3]"),
+    "json null": lambda path: path.write_text("null"),
+    "yaml map": lambda path: path.write_text("name: x\nsteps: 7\nduration: [1]\n"),
+    "yaml alias": lambda path: path.write_text("a: &a [*a]\nb: *a\n"),
+    "toml": lambda path: path.write_text("[sensors]\ncamera = 3.5\n[bus]\nspec = []\n"),
+    "csv": lambda path: path.write_text("time_s,x,y\nnan,inf,-\n1e999,,\n"),
+    "cut magic": lambda path: path.write_bytes(b"\x89MCAP0\r\n\x01\xff\xff\xff\xff\xff\xff\xff\x7f"),
+    "huge length": lambda path: path.write_bytes(b"\xff" * 8 + b"{}" * 20),
+}
+COMMANDS: dict[str, tuple[typer.Typer, tuple[str, ...]]] = {
+    "report": (cli.app, ("report", "{}")),
+    "recover": (cli.app, ("recover", "{}")),
+    "bus-analysis": (cli.app, ("bus-analysis", "{}")),
+    "run camera": (cli.app, ("run", "--no-hands", "--seconds", "0.1", "--bus", "hilsim:rub", "--camera", "{}")),
+    "run config": (cli.app, ("run", "--config", "{}")),
+    "run key": (cli.app, ("run", "--camera", "{}", "--no-hands", "--key-file", "{}")),
+    "run bundle": (cli.app, ("run", "--camera", "0", "--no-hands", "--bundle", "{}")),
+    "run gaze": (cli.app, ("run", "--camera", "0", "--no-hands", "--gaze", "{}")),
+    "certify": (cli.app, ("certify", "--people", "2", "--bundle", "{}")),
+    "data describe": (cli.app, ("data", "describe", "{}")),
+    "data pack": (cli.app, ("data", "pack", "{}")),
+    "evaluate": (cli.app, ("evaluate", "--data", "{}", "--out", "{}.out")),
+    "scenario run": (scenario_cli.app, ("run", "{}", "--jobs", "1")),
+    "scenario list": (scenario_cli.app, ("list", "{}")),
+    "scenario campaign": (scenario_cli.app, ("campaign", "{}", "--jobs", "1", "--out", "{}.out")),
+    "scenario minimise": (scenario_cli.app, ("minimise", "{}")),
+}
+WORDS: list[tuple[typer.Typer, tuple[str, ...]]] = [
+    (cli.app, ("nonsense",)),
+    (cli.app, ("demo", "--seconds", "nan")),
+    (cli.app, ("demo", "--seconds", "soon")),
+    (cli.app, ("demo", "--bus", ":")),
+    (cli.app, ("demo", "--bus", "hilsim:" + "x" * 100)),
+    (cli.app, ("demo", "--out", "/proc/nowhere/x")),
+    (cli.app, ("demo", "--out", "/dev/null")),
+    (cli.app, ("run", "--out", "/dev/null/x", "--camera", "0")),
+    (cli.app, ("run", "--camera", "999999999999999999999", "--no-hands")),
+    (cli.app, ("candump", "--bus", "kvaser:0")),
+    (cli.app, ("candump", "--bus", "socketcand:x")),
+    (cli.app, ("candump", "--bus", "udp_multicast:239.74.163.2")),
+    (cli.app, ("candump", "--bus", "no_such_interface:x")),
+    (cli.app, ("dbc", "--out", "/proc/nowhere.dbc")),
+    (cli.app, ("docs", "../../etc/passwd")),
+    (cli.app, ("bus-analysis", "{}", "--bitrate", "0")),
+    (cli.app, ("certify", "--method", "guess")),
+    (cli.app, ("train", "--wearer", "nobody")),
+    (scenario_cli.app, ("run",)),
+    (scenario_cli.app, ("run", "catalog/no-such.yaml")),
+    (scenario_cli.app, ("run", "catalog", "--bus", "vcan0")),
+    (scenario_cli.app, ("run", "catalog", "--live", "--bus", "can0")),
+    (scenario_cli.app, ("campaign", "catalog", "--fault", "no.such")),
+    (scenario_cli.app, ("run", "catalog/an-ordinary-minute.yaml", "--out", "/proc/nowhere")),
+]
+
+
+def one_line(app: typer.Typer, arguments: tuple[str, ...], capfd: pytest.CaptureFixture[str]) -> str:
+    name = "hilbridge" if app is cli.app else "hilscenario"
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        code = guarded(lambda: app(list(arguments), standalone_mode=False, prog_name=name), name)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    said = capfd.readouterr().err
+    assert code in (1, 2), f"{arguments}: exit code {code}, {said}"
+    lines = said.strip().splitlines()
+    assert "Traceback" not in said
+    assert len(lines) == 1, f"{arguments}: {said}"
+    assert "defect" not in said, f"{arguments}: {said}"
+    return lines[0]
+
+
+@pytest.fixture(autouse=True)
+def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_rubbish_is_one_line(command: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    app, words = COMMANDS[command]
+    for kind, make in RUBBISH.items():
+        path = tmp_path / f"{kind.replace(' ', '-')}.yaml"
+        make(path)
+        if (command, kind) == ("data pack", "folder"):  # no session lacks a pack there
+            continue
+        one_line(app, tuple(word.replace("{}", str(path)) for word in words), capfd)
+
+
+@pytest.mark.parametrize(("app", "arguments"), WORDS, ids=lambda value: " ".join(value) if type(value) is tuple else "")
+def test_nonsense_is_one_line(
+    app: typer.Typer, arguments: tuple[str, ...], tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    one_line(app, tuple(word.replace("{}", str(tmp_path / "absent")) for word in arguments), capfd)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ["--bus", "kvaser:0"],
+        ["--bus", "socketcand:x"],
+        ["--bus", ":"],
+        ["--bus", "virtual:x", "--key-file", "/dev/null"],
+        ["--bus", "virtual:x", "--json-log", "/proc/nowhere/log"],
+        ["--seconds", "nan"],
+        ["--log-ms", "0"],
+        ["--nonsense"],
+    ],
+)
+def test_the_device_says_one_line_too(arguments: list[str], capfd: pytest.CaptureFixture[str]) -> None:
+    try:
+        code = node.main(arguments)
+    except SystemExit as ended:  # argparse leaves by itself
+        code = ended.code if isinstance(ended.code, int) else 1
+    said = capfd.readouterr().err
+    assert code == 2
+    assert len(said.strip().splitlines()) == 1, said
+    assert "Traceback" not in said
+
+
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [("hilbridge.cli", ["dbc"]), ("hilbridge.cli", ["docs"]), ("scenarios.cli", ["list", "catalog"])],
+)
+def test_a_closed_or_full_output_is_one_line(program: str, words: list[str]) -> None:
+    command = [sys.executable, "-m", program, *words]
+    with open("/dev/full", "w") as full:  # noqa: PTH123
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert len(done.stderr.strip().splitlines()) == 1, done.stderr
+    assert "space" in done.stderr
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        assert process.stdout is not None
+        assert process.stderr is not None
+        process.stdout.close()
+        said = process.stderr.read()
+    assert process.returncode == 1
+    assert len(said.strip().splitlines()) == 1, said
