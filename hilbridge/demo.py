@@ -19,8 +19,8 @@ from hilbridge.bus.port.spec import parse_spec
 from hilbridge.config import BusConfig, Config
 from hilbridge.errors import InputError
 from hilbridge.run import Outcome, RunOptions, Watcher, run_bridge
+from hilbridge.runtime.account.judge import judge_by
 from hilbridge.runtime.assemble import read_parts
-from hilbridge.runtime.judge import judge_by
 from hilbridge.runtime.live import LiveBridge
 from hilbridge.runtime.simulated_senses import SimulatedSenses
 from hilbridge.wearer.person import Tremor, Wearer

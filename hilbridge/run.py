@@ -20,8 +20,8 @@ from hilbridge.observe.report import write_report
 from hilbridge.observe.summary import Summary
 from hilbridge.priority import use_realtime_scheduling
 from hilbridge.rows import CountersRow, EventRow, TickRow
+from hilbridge.runtime.account.judge import Judge
 from hilbridge.runtime.assemble import Parts, live_bridge, meta_row
-from hilbridge.runtime.judge import Judge
 from hilbridge.runtime.live import LiveBridge
 from hilbridge.runtime.senses import Senses
 

@@ -21,7 +21,7 @@ from hilbridge.intent.predictor import Predictor
 from hilbridge.intent.tremor import TremorGuard
 from hilbridge.limits import MS
 from hilbridge.rows import EventRow, MetaRow, TickRow
-from hilbridge.runtime.judge import Judge
+from hilbridge.runtime.account.judge import Judge
 from hilbridge.runtime.live import LiveBridge, Recorder
 from hilbridge.runtime.node import BridgeNode, Predicts
 from hilbridge.runtime.senses import Senses

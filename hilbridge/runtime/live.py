@@ -12,11 +12,11 @@ from hilbridge.bus.port.state import PortState, SendResult
 from hilbridge.limits import STOP_GAP_NS, STOP_REPEATS, TICK_GRACE_NS
 from hilbridge.records import FeatureVector, Frame
 from hilbridge.rows import CountersRow, EventRow, Row, SensorsRow, TickRow, received_row, sent_row, with_truth
-from hilbridge.runtime.device_view import DeviceView
-from hilbridge.runtime.judge import Judge
-from hilbridge.runtime.losses import Losses
+from hilbridge.runtime.account.device_view import DeviceView
+from hilbridge.runtime.account.judge import Judge
+from hilbridge.runtime.account.losses import Losses
+from hilbridge.runtime.account.notices import DEAF_NS, Facts, Notices
 from hilbridge.runtime.node import BridgeNode
-from hilbridge.runtime.notices import DEAF_NS, Facts, Notices
 from hilbridge.runtime.phase import locks_to, next_tick
 from hilbridge.runtime.senses import Senses
 from hilbridge.sensors.source import SourceState

@@ -18,8 +18,8 @@ from hilbridge.core.session import Session
 from hilbridge.limits import GAP_NS
 from hilbridge.records import FeatureVector, Frame, GateDecision, HoldReason, IntentEstimate
 from hilbridge.rows import TickRow
+from hilbridge.runtime.account.spells import Spell
 from hilbridge.runtime.health import SensorSeen, first_problem
-from hilbridge.runtime.spells import Spell
 from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Decoded, RejectReason
 from hilbridge.wire.link import WireLink

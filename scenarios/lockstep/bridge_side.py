@@ -10,8 +10,8 @@ from hilbridge.core.bridge import BridgeConfig
 from hilbridge.limits import MS, TICK_NS
 from hilbridge.records import Frame
 from hilbridge.rows import EventRow, TickRow, received_row, sent_row, with_truth
+from hilbridge.runtime.account.judge import judged
 from hilbridge.runtime.assemble import assemble_node
-from hilbridge.runtime.judge import judged
 from hilbridge.runtime.node import Tick
 from hilbridge.wire.keys import DEMO_KEY
 from scenarios.format.schema import Scenario

@@ -31,7 +31,7 @@ from hilbridge.records import (
     StampSource,
 )
 from hilbridge.rows import TickRow
-from hilbridge.runtime.judge import Mind
+from hilbridge.runtime.account.judge import Mind
 from hilbridge.sensors.gaze import open_gaze
 from hilbridge.sensors.hands import HandDetector
 from hilbridge.sensors.models import hand_model_path

@@ -21,8 +21,8 @@ from hilbridge.config import BusConfig, Config
 from hilbridge.errors import InputError
 from hilbridge.priority import use_realtime_scheduling
 from hilbridge.rows import CountersRow, EventRow, Row, encode
+from hilbridge.runtime.account.judge import judge_by
 from hilbridge.runtime.assemble import build_node, meta_row
-from hilbridge.runtime.judge import judge_by
 from hilbridge.runtime.live import LiveBridge
 from scenarios.format.schema import Scenario
 from scenarios.live.bridge.port import TappedPort

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hilbridge.runtime.spells import Spell
+from hilbridge.runtime.account.spells import Spell
 
 NS_PER_S = 1_000_000_000
 DEAF_NS = 2 * NS_PER_S

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from hilbridge.runtime.notices import Facts, Notices
+from hilbridge.runtime.account.notices import Facts, Notices
 
 S = 1_000_000_000
 WELL = Facts(0, "vcan0", False, False, 0, ("Follow", "None"), False, 0, 0, True, None)

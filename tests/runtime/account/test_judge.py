@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hilbridge.rows import GroundTruth
-from hilbridge.runtime.judge import judge_by, judged
+from hilbridge.runtime.account.judge import judge_by, judged
 from hilbridge.verbs import VERBS
 from hilbridge.wearer.person import Truth
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hilbridge.runtime.spells import QUIET_NS, Spell
+from hilbridge.runtime.account.spells import QUIET_NS, Spell
 
 MS = 1_000_000
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hilbridge.runtime.losses import Losses
+from hilbridge.runtime.account.losses import Losses
 
 
 def test_nothing_is_lost_before_it_is_known_what_was_withdrawn() -> None:
