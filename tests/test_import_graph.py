@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.import_graph import between_children, build, cycle
+from tests.tools.import_graph import between_children, build, cycle
 
 GRAPH = build()
 GROUND = {"records", "rows", "verbs", "errors", "priority", "limits", "lease", "guard"}
@@ -32,6 +32,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "doctor": {"bus", "config", "core", "intent", "observe", "sensors", "wire"},
     "demo": {"bus", "config", "core", "observe", "run", "runtime", "wearer"},
     "terminal": {"core", "doctor", "observe", "run"},
+    "cli_bus": {"bus", "config", "wire"},
     "cli_learning": {"intent", "learning", "terminal"},
     "bench": {"bus", "core", "features", "intent", "learning", "observe", "runtime", "wire"},
 }
