@@ -333,3 +333,30 @@ def test_bad_input_is_one_line_and_exit_2(
     error = capsys.readouterr().err.strip()
     assert cure in error
     assert "\n" not in error
+
+
+def test_a_restart_forgets_everything_and_a_wrong_key_is_another_device(clock: Clock) -> None:
+    made, _bus = make()
+    made.run(0.2)
+    before = made.device.state
+    made.commands.append("wrongkey")
+    made._obey()
+    wrong = made.device.state
+    assert wrong.shared_key != DEMO_KEY
+    assert wrong.boot_nonce != before.boot_nonce
+    made.commands.append("restart")
+    made._obey()
+    assert made.device.state.shared_key == DEMO_KEY
+    assert made.device.state.boot_nonce != wrong.boot_nonce
+    assert made.device.state.state == State.BOOT
+
+
+def test_a_confirmation_that_comes_too_early_is_refused_aloud(clock: Clock, capsys: pytest.CaptureFixture[str]) -> None:
+    made, _bus = make()
+    made.device.state.state = State.ESTOP
+    made.commands.append("clear")
+    made.run(0.1)
+    said = capsys.readouterr().out
+    assert "clear refused: too early, waits for a bridge that authenticates clearing" in said
+    assert "EStop (None): waits for a bridge" in said
+    assert made.device.state.state == State.ESTOP
