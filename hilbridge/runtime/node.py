@@ -136,7 +136,7 @@ class BridgeNode:
             command.reason,
         )
         session = self.bridge.session
-        self._say("armed", (session.armed, session.refused), now_ns, _arming(session))
+        self._say("armed", (session.armed, session.refused, session.disturbed), now_ns, _arming(session))
         return Tick(frames, sent, self._row(sent, problem, vector, now_ns))
 
     def _take(self, vector: FeatureVector, now_ns: int) -> bool:
@@ -207,4 +207,6 @@ def _arming(session: Session) -> str:
         return "armed"
     if session.refused:
         return "not armed: the device rejects our key; give both the same key file, then start the device anew"
+    if session.disturbed:
+        return f"not armed: {session.disturbed} handshakes disturbed, somebody else asks too; trying again"
     return f"not armed {session.why}".strip()
