@@ -12,7 +12,7 @@ import can
 
 from firmware_sim.memory import Received
 
-_VIRTUAL = ("hilsim", "virtual", "udp_multicast")
+VIRTUAL_INTERFACES = frozenset({"hilsim", "virtual"})
 _READS_AT_ONCE = 4096
 _RECEIVE_BUFFER = 4 * 1024 * 1024
 _REOPEN_NS = 100_000_000
@@ -58,7 +58,7 @@ def parse_spec(text: str) -> Spec:
     if interface == "socketcan":
         virtual = channel.startswith(("vcan", "vxcan")) and not Path("/sys/class/net", channel, "device").exists()
     else:
-        virtual = interface in _VIRTUAL
+        virtual = interface in VIRTUAL_INTERFACES
     return Spec(interface, channel, not virtual)
 
 
