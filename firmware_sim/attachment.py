@@ -13,7 +13,7 @@ import can
 
 from firmware_sim.memory import Received
 
-_VIRTUAL = ("hilsim", "virtual")
+VIRTUAL_INTERFACES = frozenset({"hilsim", "virtual"})
 _GIVES_OWN_BACK = ("udp_multicast",)
 _READS_AT_ONCE = 4096
 _RECEIVE_BUFFER = 4 * 1024 * 1024
@@ -60,7 +60,7 @@ def parse_spec(text: str) -> Spec:
     if interface == "socketcan":
         virtual = channel.startswith(("vcan", "vxcan")) and not Path("/sys/class/net", channel, "device").exists()
     else:
-        virtual = interface in _VIRTUAL
+        virtual = interface in VIRTUAL_INTERFACES
     if interface in _GIVES_OWN_BACK:
         raise BusUnusable(
             f"bus {text}: {interface} gives a node its own frames back, like those of an impostor; use hilsim:NAME"

@@ -76,6 +76,7 @@ class Challenge(NamedTuple):
     session: int
     bridge_nonce: int
     device_nonce: int
+    disturbed: bool = False  # it replaced one that answered another request
 
 
 @dataclass(slots=True)
@@ -110,6 +111,7 @@ class ControllerState:
     heartbeat_ms: int = 0
     challenge: Challenge | None = None
     last_session: int = 0
+    handshake_rest_ms: int = 0  # until then no request is answered
     clear_until_ms: int = 0
     # faults
     trips: tuple[int, ...] = ()

@@ -217,12 +217,18 @@ def _arm_request(state: ControllerState, values: tuple[int, ...], random_u32: in
         allowed = state.state in (State.FOLLOW, State.READY)
     else:
         allowed = state.state in (State.LATCHED, State.ESTOP)
-    if not allowed:
+    if not allowed or now_ms < state.handshake_rest_ms:
         reject(state, Reject.HANDSHAKE)
         return
     reject(state, Reject.ACCEPTED)
+    before = state.challenge
+    disturbed = (
+        before is not None
+        and watchdogs.fresh(before.sent_ms, now_ms, watchdogs.CHALLENGE_LIMIT_MS)
+        and (before.bridge_nonce != bridge_nonce or before.disturbed)
+    )
     state.last_session = state.last_session % 255 + 1
-    state.challenge = Challenge(now_ms, purpose, state.last_session, bridge_nonce, random_u32)
+    state.challenge = Challenge(now_ms, purpose, state.last_session, bridge_nonce, random_u32, disturbed)
     send(state, frames.ARM_CHALLENGE, (random_u32, state.last_session))
 
 
@@ -240,6 +246,12 @@ def _arm_response(state: ControllerState, values: tuple[int, ...], now_ms: int) 
     key = secoc.session_key(state.shared_key, challenge.bridge_nonce, challenge.device_nonce, state.boot_nonce, session)
     expected = secoc.arm_mac(key, challenge.purpose, session, challenge.bridge_nonce, challenge.device_nonce)
     if mac != expected:
+        if (
+            challenge.disturbed
+        ):  # two asked at once: who answered may have meant the other challenge, with the right key
+            reject(state, Reject.HANDSHAKE)
+            state.handshake_rest_ms = now_ms + watchdogs.DISTURBED_REST_MS
+            return
         reject(state, Reject.MAC)
         mac_failed(state, now_ms)
         return

@@ -22,6 +22,7 @@ BUS_OFF_LIMIT = 2
 BUS_OFF_WINDOW_MS = 10_000
 NEUTRAL_HOLDS = 3
 CHALLENGE_LIMIT_MS = 500
+DISTURBED_REST_MS = 500  # after a disturbed handshake failed: two guesses at a MAC a second, no more
 CLEAR_LIMIT_MS = 30_000
 # Counters that leak: a bad tick adds, a good one takes 1 off. One tick in so many may be bad for ever; more may not.
 TRACKING_RISE = 4

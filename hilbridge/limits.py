@@ -40,3 +40,5 @@ HAND_COAST_NS = 160 * MS  # four pictures without the hand
 
 REFRACTORY_MS = 240  # between two switches of the gate that confidence drives
 STALE_COMMAND_NS = 20 * MS  # a command half its cycle old is worth less than the next one: never sent
+# After any gap in sensing, ACT waits until sensing was whole for so long without a break, however sure the gate is.
+EARN_NS = 400 * MS

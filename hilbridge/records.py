@@ -117,21 +117,25 @@ class Action(IntEnum):
 
 
 class HoldReason(StrEnum):
-    """Why the bridge holds. Exactly one is named for every HOLD, the first that applies from the top."""
+    """Why the bridge holds. Exactly one is named for every HOLD, the first that applies from the top.
+
+    A cause stands above what follows from it: a bridge that cannot see makes the device follow, not the other way round.
+    The five reasons of sensing are named for as long as ACT has to be earned anew after them (`limits.EARN_NS`).
+    """
 
     NONE = "none"  # the decision is ACT
     STOPPED = "stopped"
     DEVICE_FAULT = "device_fault"
+    OVERRUN = "overrun"
+    SENSOR_MISSING = "sensor_missing"
+    WARMING_UP = "warming_up"
+    NO_ESTIMATE = "no_estimate"
+    STALE = "stale"
     DEVICE_SILENT = "device_silent"
+    LISTEN_ONLY = "listen_only"
     NOT_ARMED = "not_armed"
     DEVICE_NOT_READY = "device_not_ready"  # armed, but awaiting its three HOLDs or ramping down
-    LISTEN_ONLY = "listen_only"
-    OVERRUN = "overrun"
-    NO_ESTIMATE = "no_estimate"
-    SENSOR_MISSING = "sensor_missing"
-    STALE = "stale"
     TREMOR = "tremor"
-    WARMING_UP = "warming_up"
     VERB_NOT_ASSISTED = "verb_not_assisted"
     REFRACTORY = "refractory"
     VERB_CHANGE = "verb_change"

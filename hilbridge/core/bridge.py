@@ -135,7 +135,7 @@ class Bridge:
         self.diag = dict.fromkeys(_COUNTED, 0)
         self._status = Deadline(STATUS_LIMIT_NS)
         self._last_tick_ns: int | None = None
-        self._overrun = False
+        self.overrun = False
         self._heartbeat_due_ns = 0
         self._stops: tuple[int, ...] = ()
         self._clear_wanted = False
@@ -235,14 +235,14 @@ class Bridge:
             return HoldReason.NOT_ARMED
         if self.device.state in _UNREADY:
             return HoldReason.DEVICE_NOT_READY
-        return HoldReason.OVERRUN if self._overrun else HoldReason.NONE
+        return HoldReason.OVERRUN if self.overrun else HoldReason.NONE
 
     def begin_tick(self, now_ns: int) -> None:
         """Call first in every tick, before `veto`: notices that the last one is too long ago, and a silent device."""
         late_ns = 0 if self._last_tick_ns is None else now_ns - self._last_tick_ns - TICK_NS
-        self._overrun = late_ns >= OVERRUN_NS - TICK_NS
+        self.overrun = late_ns >= OVERRUN_NS - TICK_NS
         self._last_tick_ns = now_ns
-        self.diag["Overruns"] += self._overrun
+        self.diag["Overruns"] += self.overrun
         self.diag["TickLateMaxUs"] = max(self.diag["TickLateMaxUs"], late_ns // 1000)
         if self.device is not None and self._status.expired(now_ns):
             self.diag["StatusSilences"] += self.session.armed

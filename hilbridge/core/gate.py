@@ -2,7 +2,7 @@
 
 HOLD is the default; ACT needs every condition below, in this order, and each HOLD names the first that fails:
 
-1. no veto from outside (stopped, device fault, not armed, overrun, a sensor that went missing, ...);
+1. no veto from outside (stopped, device fault, sensing not whole for long enough, not armed, ...);
 2. a fresh estimate (age of its oldest input within `max_age_ns`);
 3. the most likely verb of the smoothed belief is one the device assists at all;
 4. that verb is among the `top_k` of the newest window (E5, filter ii);
@@ -20,17 +20,6 @@ from dataclasses import dataclass, replace
 from hilbridge.limits import MS, REFRACTORY_MS, SENSING_LIMIT_NS
 from hilbridge.records import Action, GateDecision, HoldReason, IntentEstimate
 from hilbridge.verbs import NEVER_ASSISTED
-
-# After these the belief starts from nothing: what was smoothed before a gap says nothing about the time after it.
-_FORGETS = frozenset(
-    {
-        HoldReason.NO_ESTIMATE,
-        HoldReason.SENSOR_MISSING,
-        HoldReason.STALE,
-        HoldReason.WARMING_UP,
-        HoldReason.OVERRUN,
-    }
-)
 
 
 @dataclass(frozen=True, slots=True)
@@ -85,13 +74,18 @@ def step(
     estimate: IntentEstimate | None,
     now_ns: int,
     veto: HoldReason | None = None,
+    *,
+    blind: HoldReason | None = None,
 ) -> tuple[GateState, GateDecision]:
     """One 25 Hz tick. `veto` is the first outside reason to hold, or None when everything outside affirms.
 
+    `blind` says why sensing has a gap now, whichever veto is named: what was smoothed before a gap says nothing about
+    the time after it, so belief starts from nothing. An estimate that cannot be used is such a gap, too.
     The same estimate seen twice is smoothed once, so a stalled predictor cannot talk itself into confidence.
     """
-    problem = veto or _estimate_problem(config, estimate, now_ns)
-    if problem in _FORGETS or estimate is None or _unusable(estimate):
+    unusable = estimate_problem(config, estimate, now_ns)
+    problem = veto or blind or unusable
+    if blind is not None or unusable is not None or estimate is None:
         believed = replace(state, smoothed=(), last_produced_ns=None)
     elif estimate.produced_ns == state.last_produced_ns:
         believed = state
@@ -146,7 +140,8 @@ def _hold(state: GateState, now_ns: int, confidence: float, reason: HoldReason) 
     return state, GateDecision(Action.HOLD, None, confidence, reason)
 
 
-def _estimate_problem(config: GateConfig, estimate: IntentEstimate | None, now_ns: int) -> HoldReason | None:
+def estimate_problem(config: GateConfig, estimate: IntentEstimate | None, now_ns: int) -> HoldReason | None:
+    """Why this estimate cannot be decided on now, or None: there is none, its numbers are none, or it is too old."""
     if estimate is None or _unusable(estimate):
         return HoldReason.NO_ESTIMATE
     # A stamp from the future is a clock that cannot be trusted: as stale as one from the distant past.

@@ -44,7 +44,8 @@ class Crypto(Protocol):
 
 
 class Session:
-    """State of the handshake. `number` is 0 unless armed; `dropped` counts armed sessions lost, `why` the last."""
+    """State of the handshake. `number` is 0 unless armed; `dropped` counts armed sessions lost, `why` the last;
+    `disturbed` counts handshakes that came to nothing although nobody blamed the key."""
 
     def __init__(self, crypto: Crypto) -> None:
         """`crypto` knows the shared key."""
@@ -54,6 +55,7 @@ class Session:
         self.dropped = 0
         self.why = ""
         self.refused = False
+        self.disturbed = 0
         self._key = b""
         self._freshness = 0
         self._boot_nonce: int | None = None
@@ -90,6 +92,8 @@ class Session:
         if self._nonce_spent:
             self._bridge_nonce = nonce
             self._nonce_spent = False
+        if self.phase is Phase.RESPONDED:  # neither a session nor a MAC failure came of it: the key is not to blame
+            self.disturbed += 1
         self.phase = Phase.REQUESTED
         self._purpose = purpose
         self._retry_ns = now_ns + CHALLENGE_WAIT_NS

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import secrets
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -32,6 +32,8 @@ from hilbridge.wire.secoc import Authenticator
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
+
+RECORDED_PEOPLE = "recorded people"
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,15 +82,33 @@ def build_node(
     predict: Predicts | None = None,
 ) -> BridgeNode:
     """The node for a connected port. Raises InputError for a key that may not be used on it."""
-    trained_on = str(parts.bundle.provenance.get("trained_on", "nothing that it names"))
-    if port.is_physical and config.arm and "simulated" in trained_on:
+    refusal = arming_refusal(parts.bundle.provenance) if port.is_physical and config.arm else None
+    if refusal is not None:
         raise InputError(
-            f"bundle {parts.bundle.bundle_id:#06x}: trained on {trained_on}, refused with --arm on a physical bus; "
-            "train one on people with `hilbridge train` and give it with --bundle"
+            f"bundle {parts.bundle.bundle_id:#06x}: {refusal}, refused with --arm on a physical bus; give with --bundle one "
+            "whose provenance names recorded people, how many, and a certificate (docs/learning.md)"
         )
     key = load_key(Path(config.key_file) if config.key_file else None, physical=port.is_physical and config.arm)
     asked = BridgeConfig(arm=config.arm or not port.is_physical, listen_only=port.listen_only)
     return assemble_node(parts, key, lambda: secrets.randbits(32), asked, on_event, predict)
+
+
+def arming_refusal(provenance: Mapping[str, object]) -> str | None:
+    """Why a bundle of this provenance may not act on a physical bus; None where everything affirms that it may."""
+    trained_on = provenance.get("trained_on", "")
+    if provenance.get("origin") != RECORDED_PEOPLE or "simulated" in str(trained_on).lower():
+        return f"trained on {trained_on or 'nothing that it names'}, origin {provenance.get('origin')!r}"
+    people = provenance.get("people")
+    if type(people) is not int or people < 1:
+        return f"people = {people!r}"
+    certificate = provenance.get("certificate")
+    if not isinstance(certificate, Mapping) or not certificate.get("method"):
+        return f"certificate = {certificate!r}"
+    for name in ("precision", "delta"):
+        value = certificate.get(name)
+        if not isinstance(value, float) or not 0.0 < value < 1.0:
+            return f"certificate.{name} = {value!r}"
+    return None
 
 
 def assemble_node(

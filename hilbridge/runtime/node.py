@@ -14,6 +14,7 @@ from hilbridge.bus.model.error_frames import ErrorState
 from hilbridge.core import gate
 from hilbridge.core.bridge import Bridge
 from hilbridge.core.gate import GateConfig, GateState
+from hilbridge.core.sensing import Sensing
 from hilbridge.core.session import Session
 from hilbridge.limits import GAP_NS
 from hilbridge.records import FeatureVector, Frame, GateDecision, HoldReason, IntentEstimate
@@ -24,8 +25,8 @@ from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Decoded, RejectReason
 from hilbridge.wire.link import WireLink
 
-# Reasons to hold that are faults of the bridge's own sight, not a change of the wearer's mind (docs/decisions/001).
-_BLIND = frozenset({HoldReason.OVERRUN, HoldReason.NO_ESTIMATE, HoldReason.STALE, HoldReason.SENSOR_MISSING})
+# Nothing about the device goes before these two: a stop, and a fault that asks for somebody's hand.
+_FIRST = frozenset({HoldReason.STOPPED, HoldReason.DEVICE_FAULT})
 
 _BUS_STATES = {  # of BRIDGE_DIAG; 0 is unknown
     ErrorState.ACTIVE: 1,
@@ -79,6 +80,7 @@ class BridgeNode:
         self.wire = wire
         self.gate_config = gate_config
         self.gate_state = GateState()
+        self.sensing = Sensing()
         self._predict = predict
         self._bundle_id = bundle_id
         self._tremor_guard = tremor_guard
@@ -116,12 +118,15 @@ class BridgeNode:
         self.bridge.begin_tick(now_ns)
         problem = first_problem(sensors, now_ns)
         self._say_sensors(problem, now_ns)
-        if vector is not None:
-            self._take(vector, now_ns)
-        veto = self._veto(problem, now_ns)
-        self.gate_state, decision = gate.step(self.gate_config, self.gate_state, self._estimate, now_ns, veto)
+        torn = vector is not None and self._take(vector, now_ns)
+        gap = self._gap(problem, torn, now_ns)
+        self.sensing = self.sensing.step(gap, now_ns)
+        self.gate_state, decision = gate.step(
+            self.gate_config, self.gate_state, self._estimate, now_ns, self._veto(now_ns), blind=gap
+        )
         # Sensing that cannot be believed has no age: the device is told so, and falls back to following by itself.
-        seeing = self._vector if problem is None and decision.reason not in _BLIND else None
+        # A window that only fills up, and an estimate that is absent, say nothing against what the sensors saw.
+        seeing = self._vector if gap in (None, HoldReason.WARMING_UP) else None
         oldest_ns = None if seeing is None else seeing.oldest_input_ns
         valid = (False, False, False) if seeing is None else seeing.valid
         frames = self.bridge.tick(decision, oldest_ns, valid, self._bundle_id, now_ns)
@@ -133,28 +138,41 @@ class BridgeNode:
             command.reason,
         )
         session = self.bridge.session
-        self._say("armed", (session.armed, session.refused), now_ns, _arming(session))
+        self._say("armed", (session.armed, session.refused, session.disturbed), now_ns, _arming(session))
         return Tick(frames, sent, self._row(sent, problem, vector, now_ns))
 
-    def _take(self, vector: FeatureVector, now_ns: int) -> None:
-        if self._vector is not None and not 0 < vector.captured_ns - self._vector.captured_ns <= GAP_NS:
+    def _take(self, vector: FeatureVector, now_ns: int) -> bool:
+        """New features into the predictor; whether there is a gap between them and the ones before."""
+        torn = self._vector is not None and not 0 < vector.captured_ns - self._vector.captured_ns <= GAP_NS
+        if torn:
             self._predict.reset()
         self._vector = vector
         self._estimate = self._predict.step(vector, now_ns)
         self._tremor = self._tremor_guard.update(vector)
         self._say("tremor", self._tremor, now_ns, "tremor in the hands" if self._tremor else "no tremor in the hands")
+        return torn
 
-    def _veto(self, problem: str | None, now_ns: int) -> HoldReason | None:
-        outside = self.bridge.veto(now_ns)
-        if outside is not HoldReason.NONE:
-            return outside
+    def _gap(self, problem: str | None, torn: bool, now_ns: int) -> HoldReason | None:
+        """Why sensing is not whole in this tick; asked whatever else forbids ACT."""
+        if self.bridge.overrun:
+            return HoldReason.OVERRUN
         if problem is not None:
             return HoldReason.SENSOR_MISSING
-        if self._tremor:
-            return HoldReason.TREMOR
-        if self._vector is not None and self._estimate is None:
+        if torn or (self._vector is not None and self._estimate is None):
             return HoldReason.WARMING_UP
-        return None
+        return gate.estimate_problem(self.gate_config, self._estimate, now_ns)
+
+    def _veto(self, now_ns: int) -> HoldReason | None:
+        """The first reason to hold outside the gate, a cause before what follows from it."""
+        outside = self.bridge.veto(now_ns)
+        if outside in _FIRST:
+            return outside
+        unearned = self.sensing.objection(now_ns)
+        if unearned is not None:
+            return unearned
+        if outside is not HoldReason.NONE:
+            return outside
+        return HoldReason.TREMOR if self._tremor else None
 
     def _say_sensors(self, problem: str | None, now_ns: int) -> None:
         if (told := self._sensor_trouble.look(problem, now_ns)) is not None:
@@ -195,4 +213,6 @@ def _arming(session: Session) -> str:
         return "armed"
     if session.refused:
         return "not armed: the device rejects our key; give both the same key file, then start the device anew"
+    if session.disturbed:
+        return f"not armed: {session.disturbed} handshakes disturbed, somebody else asks too; trying again"
     return f"not armed {session.why}".strip()

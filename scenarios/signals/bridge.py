@@ -14,6 +14,7 @@ _ABSENT: dict[str, Value] = {
     "gate.right": False,
     "bridge.armed": False,
     "bridge.sensing_age_ms": UNKNOWN_AGE_MS,
+    "bridge.sensors_well": False,
 }
 # Before the first tick.
 BRIDGE_AT_REST: dict[str, Value] = {**_ABSENT, "gate.reason": "none", "wearer.intended": "None"}
@@ -28,6 +29,7 @@ def bridge_signals(row: TickRow) -> dict[str, Value]:
         "gate.confidence": row.confidence,
         "bridge.armed": row.armed,
         "bridge.sensing_age_ms": UNKNOWN_AGE_MS if row.sensing_age_ms is None else row.sensing_age_ms,
+        "bridge.sensors_well": row.sensor_problem is None,
     }
     if row.truth_known:
         signals |= {"gate.right": row.right is True, "wearer.intended": str(row.truth)}

@@ -58,6 +58,7 @@ _VERB = Words((NO_VERB, *VERBS))
 _ALWAYS_THERE: dict[str, Domain] = {
     "bridge.armed": Truths(),
     "bridge.sensing_age_ms": Numbers(),
+    "bridge.sensors_well": Truths(),
     "device.act_age_ms": _AGE_MS,
     "device.angle_deg": Numbers(),
     "device.armed": Truths(),

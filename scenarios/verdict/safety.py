@@ -18,6 +18,7 @@ SAFETY: dict[str, str] = {
     "no assist without an armed session": "always (device.state == Assist -> device.armed)",
     "the bridge acts only on sensing of 150 ms at most": "always (gate.act -> bridge.sensing_age_ms <= 150)",
     "the bridge acts only when armed": "always (gate.act -> bridge.armed)",
+    "no ACT until sensing was whole for 400 ms": "always (gate.act -> historically[0, 399 ms] bridge.sensors_well)",
     "the device assists only what the bridge asked for": ("always (device.assist_zero or once[0, 200 ms] gate.act)"),
     "assist ends after 10 s": "always not historically[0, 10.1 s] device.state == Assist",
     "no way into ASSIST but from READY": (

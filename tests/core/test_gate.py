@@ -113,7 +113,7 @@ def test_unusable_estimates_hold_at_once_and_forget(row: IntentEstimate | None) 
 
 
 @pytest.mark.parametrize("row", [None, replace(estimate(1), confidence=math.nan)])
-def test_a_veto_that_forgets_nothing_does_not_save_an_unusable_estimate(row: IntentEstimate | None) -> None:
+def test_no_veto_saves_an_unusable_estimate(row: IntentEstimate | None) -> None:
     state, decision = gate.step(CONFIG, acting(), row, 1, HoldReason.NOT_ARMED)
     assert decision.reason is HoldReason.NOT_ARMED
     assert (state.smoothed, state.last_produced_ns) == ((), None)
@@ -186,14 +186,17 @@ def test_the_same_estimate_is_smoothed_once() -> None:
     assert state.smoothed[TAKE] == pytest.approx(0.2)
 
 
-def test_belief_survives_a_device_veto_but_not_a_sensing_one() -> None:
+@pytest.mark.parametrize("veto", [None, *(reason for reason in HoldReason if reason is not HoldReason.NONE)])
+def test_h8_belief_is_forgotten_in_a_gap_of_sensing_whichever_veto_is_named(veto: HoldReason | None) -> None:
     config = replace(CONFIG, alpha=0.2)
     state, _ = run(config, [estimate(i * TICK, TAKE, 1.0) for i in range(5)])
     now = 5 * TICK
-    unarmed, _ = gate.step(config, state, estimate(now, TAKE, 1.0), now, HoldReason.NOT_ARMED)
-    blind, _ = gate.step(config, state, estimate(now, TAKE, 1.0), now, HoldReason.SENSOR_MISSING)
-    assert unarmed.smoothed[TAKE] == pytest.approx(1 - 0.8**6)
-    assert blind.smoothed == ()
+    seeing, _ = gate.step(config, state, estimate(now, TAKE, 1.0), now, veto)
+    blind, held = gate.step(config, state, estimate(now, TAKE, 1.0), now, veto, blind=HoldReason.OVERRUN)
+    stale, _ = gate.step(config, state, estimate(now, TAKE, 1.0, age_ns=200 * MS), now, veto)
+    assert seeing.smoothed[TAKE] == pytest.approx(1 - 0.8**6)
+    assert (blind.smoothed, stale.smoothed) == ((), ())
+    assert held.reason is (veto or HoldReason.OVERRUN)
 
 
 def test_another_number_of_classes_starts_the_belief_anew() -> None:

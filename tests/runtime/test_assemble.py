@@ -6,11 +6,22 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from hilbridge.bus.port.spec import BusSpec
+from firmware_sim.attachment import VIRTUAL_INTERFACES as DEVICE_VIRTUAL
+from firmware_sim.attachment import parse_spec as device_spec
+from hilbridge.bus.port.spec import VIRTUAL_INTERFACES, BusSpec, parse_spec
 from hilbridge.config import BusConfig, Config, GateSection, ModelConfig
 from hilbridge.errors import InputError
-from hilbridge.runtime.assemble import Parts, build_node, gate_config, read_parts
+from hilbridge.runtime.assemble import Parts, arming_refusal, build_node, gate_config, read_parts
+
+AFFIRMED: dict[str, object] = {
+    "origin": "recorded people",
+    "trained_on": "twelve people",
+    "people": 12,
+    "certificate": {"precision": 0.8, "delta": 0.1, "method": "betting"},
+}
 
 
 @dataclass
@@ -29,7 +40,7 @@ def parts() -> Parts:
 
 @pytest.fixture
 def of_people(parts: Parts) -> Parts:
-    return replace(parts, bundle=replace(parts.bundle, provenance={"trained_on": "twelve people"}))
+    return replace(parts, bundle=replace(parts.bundle, provenance=AFFIRMED))
 
 
 def node_for(parts: Parts, port: FakePort, config: BusConfig) -> object:
@@ -69,3 +80,44 @@ def test_thresholds_of_the_configuration_win_but_must_make_a_band(parts: Parts) 
 def test_a_missing_bundle_is_one_line(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"none\.safetensors"):
         read_parts(Config(model=ModelConfig(bundle=str(tmp_path / "none.safetensors"))))
+
+
+JSON = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=12),
+    lambda inner: st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=4,
+)
+
+
+def test_h1_a_provenance_that_affirms_everything_may_arm() -> None:
+    assert arming_refusal(AFFIRMED) is None
+
+
+@given(st.dictionaries(st.sampled_from(sorted(AFFIRMED)) | st.text(max_size=8), JSON, max_size=5))
+def test_h1_no_foreign_or_empty_provenance_may_arm(provenance: dict[str, object]) -> None:
+    assert arming_refusal(provenance) is not None
+
+
+@given(st.sampled_from(["origin", "people", "certificate"]), JSON)
+def test_h1_each_statement_is_needed(name: str, other: object) -> None:
+    assert arming_refusal({key: value for key, value in AFFIRMED.items() if key != name}) is not None
+    if name != "people" or type(other) is not int:
+        assert arming_refusal({**AFFIRMED, name: other}) is not None
+
+
+@pytest.mark.parametrize(
+    "certificate",
+    [{}, {"method": "x"}, {"method": "", "precision": 0.8, "delta": 0.1}, {"method": "x", "precision": 0.8}],
+)
+def test_h1_half_a_certificate_is_none(certificate: dict[str, object]) -> None:
+    assert arming_refusal({**AFFIRMED, "certificate": certificate}) is not None
+    assert arming_refusal({**AFFIRMED, "people": 0}) is not None
+    assert arming_refusal({**AFFIRMED, "people": True}) is not None
+    assert arming_refusal({**AFFIRMED, "trained_on": "a Simulated wearer"}) is not None
+
+
+def test_h1_one_list_says_what_is_virtual_and_multicast_is_not_on_it() -> None:
+    assert VIRTUAL_INTERFACES == DEVICE_VIRTUAL == {"hilsim", "virtual"}
+    for text in ("udp_multicast:239.0.0.1", "slcan:/dev/ttyUSB0", "pcan:PCAN_USBBUS1"):
+        assert not parse_spec(text).is_simulated
+        assert device_spec(text).physical

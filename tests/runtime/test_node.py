@@ -10,6 +10,8 @@ from itertools import count
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from firmware_sim.device import Device
 from firmware_sim.memory import ControllerState, Received
@@ -17,7 +19,7 @@ from firmware_sim.states import State
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.core.gate import GateConfig
 from hilbridge.features.layout import D
-from hilbridge.limits import MS
+from hilbridge.limits import EARN_NS, MS
 from hilbridge.records import Action, FeatureVector, Frame, HoldReason, IntentEstimate
 from hilbridge.runtime.health import SensorSeen
 from hilbridge.runtime.node import BridgeNode, Tick
@@ -234,3 +236,56 @@ def test_a_device_with_another_key_is_told_once_with_the_cure() -> None:
     assert told == ["not armed: the device rejects our key; give both the same key file, then start the device anew"]
     assert world.last is not None
     assert world.last.decision.reason is HoldReason.NOT_ARMED
+
+
+def test_h8_h9_the_reason_names_the_sensor_while_it_is_away_and_while_trust_is_earned(world: World) -> None:
+    world.sees = False
+    world.until(State.FOLLOW, 400)
+    for _ in world.run(1000):
+        assert world.reason is HoldReason.SENSOR_MISSING  # not the device, which follows because of it
+    world.sees = True
+    back_ms = world.now_ms
+    for _ in world.run(400):
+        assert world.reason is HoldReason.SENSOR_MISSING
+    world.until(State.ASSIST, 400)
+    assert world.now_ms - back_ms >= EARN_NS // MS
+
+
+FAULTS = {
+    "camera": ("sees", False),
+    "bus": ("hears", False),
+    "loop": ("ticks", False),
+    "predictor": ("silent", True),
+    "tremor": ("value", True),
+}
+
+
+@settings(max_examples=10, deadline=None)
+@given(
+    st.lists(
+        st.tuples(st.sets(st.sampled_from(sorted(FAULTS)), max_size=3), st.integers(1, 12).map(lambda n: 40 * n)),
+        min_size=1,
+        max_size=8,
+    )
+)
+def test_h8_no_order_of_faults_makes_an_act_come_sooner(sequence: list[tuple[set[str], int]]) -> None:
+    world = World()
+    world.until(State.ASSIST)
+    assert world.last is not None
+    gap_ms, last_row = 0, world.last.row
+    for faults, milliseconds in [*sequence, (set(), 1200)]:
+        for name, (attribute, value) in FAULTS.items():
+            part = {"predictor": world.predict, "tremor": world.guard}.get(name, world)
+            setattr(part, attribute, value if name in faults else not value)
+        for _ in world.run(milliseconds):
+            assert world.last is not None
+            row = world.last.row
+            if row is last_row:
+                continue
+            last_row = row
+            if row.sensor_problem or "predictor" in faults or world.node.bridge.overrun:
+                gap_ms = world.now_ms
+            if row.action is Action.ACT:
+                assert world.now_ms - gap_ms >= EARN_NS // MS
+            if row.sensor_problem and row.reason not in (HoldReason.OVERRUN, HoldReason.DEVICE_FAULT):
+                assert row.reason is HoldReason.SENSOR_MISSING

@@ -9,8 +9,9 @@ from typing import NamedTuple
 from hilbridge.errors import InputError
 
 DEFAULT_NAME = "hilbridge"
-# python-can interfaces that reach no wire. A socketcan interface is judged by its kernel kind instead.
-_VIRTUAL_INTERFACES = frozenset({"hilsim", "virtual"})
+# All that is virtual: the simulated bus on the loopback and in-process buses. A socketcan interface is judged by its
+# kernel kind instead. The rest is physical: multicast, for one, reaches whoever is on the network.
+VIRTUAL_INTERFACES = frozenset({"hilsim", "virtual"})
 # A node of these hears its own frames like those of an impostor, and the device latches.
 _GIVE_OWN_BACK = frozenset({"udp_multicast"})
 
@@ -28,7 +29,7 @@ class BusSpec(NamedTuple):
     @property
     def is_simulated(self) -> bool:
         """Whether it surely reaches no wire (a socketcan channel may or may not)."""
-        return self.interface in _VIRTUAL_INTERFACES
+        return self.interface in VIRTUAL_INTERFACES
 
     def __str__(self) -> str:
         """As the user may write it again."""

@@ -136,6 +136,7 @@ def replay_bundle(bundle: Bundle, people: Stream) -> dict[str, float]:
 def _provenance(config: TrainConfig, trained: Trained) -> dict[str, Any]:
     best = min(trained.history, key=lambda row: row["validation_nll"])
     return {
+        "origin": "simulated wearer",
         "trained_on": f"simulated wearer, difficulty {config.wearer}",
         "people": config.people,
         "seconds_each": config.seconds,
