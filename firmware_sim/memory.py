@@ -83,7 +83,7 @@ class Challenge(NamedTuple):
 class ControllerState:
     """All memory of the controller. The default, with a key and a boot nonce, is power-on."""
 
-    shared_key: bytes
+    shared_key: bytes = field(repr=False)
     boot_nonce: int
     limits: Limits = field(default_factory=Limits)
     last_tick_ms: int = 0
@@ -106,7 +106,7 @@ class ControllerState:
     # session
     armed: bool = False
     session: int = 0
-    key: bytes = b""
+    key: bytes = field(default=b"", repr=False)
     freshness: int = 0
     heartbeat_ms: int = 0
     challenge: Challenge | None = None

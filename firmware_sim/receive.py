@@ -36,12 +36,12 @@ _HOLD_REASON = {
 
 def receive(state: ControllerState, frame: Received, random_u32: int, now_ms: int) -> None:
     """Take one frame in."""
-    if not frame.plain:
-        reject(state, Reject.KIND)
-        return
-    if frame.can_id == frames.STOP:
+    if frame.can_id == frames.STOP:  # in any form: remote, FD, extended, of any length
         reject(state, Reject.ACCEPTED)
         fire(state, Event.STOP, Reason.STOP_RECEIVED, now_ms)
+        return
+    if not frame.plain:
+        reject(state, Reject.KIND)
         return
     if frame.can_id in frames.OWN_IDS:
         count(state, COUNT_OWN_ID)

@@ -80,6 +80,7 @@ class Codec:
                     raise DbcError(f"{self.path}: message {name} lacks signal {signal}; {cure}")
             if name != "STOP" and message.data_id is None:
                 raise DbcError(f"{self.path}: message {name} lacks the attribute E2EDataId; {cure}")
+        self._stop_id = self.messages["STOP"].can_id
 
     def encode(self, message: str, signals: Mapping[str, Value]) -> bytes:
         """Bytes with CRC and counter zero. Signals left out take their start value.
@@ -108,6 +109,10 @@ class Codec:
 
     def decode(self, frame: Frame) -> Decoded | Rejected:
         """What a frame says, without regard to CRC and sequence (hilbridge.wire.e2e). Never raises."""
+        if (
+            frame.can_id == self._stop_id and not frame.is_error
+        ):  # a stop in any form: remote, FD, extended, of any length
+            return Decoded("STOP", {}, 0, frame)
         if frame.is_error or frame.is_fd or frame.is_extended or frame.is_remote:
             return Rejected(RejectReason.KIND, "", frame)
         layout = self.by_id.get(frame.can_id)

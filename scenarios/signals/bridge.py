@@ -14,10 +14,14 @@ _ABSENT: dict[str, Value] = {
     "gate.right": False,
     "bridge.armed": False,
     "bridge.sensing_age_ms": UNKNOWN_AGE_MS,
-    "bridge.sensors_well": False,
 }
 # Before the first tick.
-BRIDGE_AT_REST: dict[str, Value] = {**_ABSENT, "gate.reason": "none", "wearer.intended": "None"}
+BRIDGE_AT_REST: dict[str, Value] = {
+    **_ABSENT,
+    "bridge.sensors_well": False,
+    "gate.reason": "none",
+    "wearer.intended": "None",
+}
 
 
 def bridge_signals(row: TickRow) -> dict[str, Value]:

@@ -88,7 +88,6 @@ def test_bad_frames_of_another_message_do_not_end_an_assist() -> None:
         (Received(frames.BRIDGE_HB, bytes(9)), Reject.LENGTH),
         (Received(0x7FF, bytes(8)), Reject.UNKNOWN_ID),
         (Received(frames.ACT_CMD, bytes(8), plain=False), Reject.KIND),
-        (Received(frames.STOP, b"", plain=False), Reject.KIND),
     ],
 )
 def test_h9_what_is_no_frame_of_ours_is_counted_under_its_reason(frame: Received, why: Reject) -> None:

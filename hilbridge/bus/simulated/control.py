@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from typing import Any
 
 from hilbridge.bus.model.faults import Babble, Corruption, QueueStall, Where, WireCut, WireFaults
@@ -74,10 +75,18 @@ def status(medium: Medium) -> dict[str, Any]:
     }
 
 
+def _finite(text: str) -> float:
+    """A number that is one: 1e999, NaN and Infinity would end the bus later, where nobody expects them."""
+    number = float(text)
+    if not math.isfinite(number):
+        raise ValueError(f"{text} is not a finite number")
+    return number
+
+
 def answer(medium: Medium, number: int, request: bytes, now_ns: int) -> dict[str, Any]:
     """Carry out one request of node `number`; what cannot be read is answered with `error`. Never raises."""
     try:
-        given = json.loads(request)
+        given = json.loads(request, parse_float=_finite, parse_constant=_finite)
         operation = given["op"]
         if operation == "status":
             return status(medium) | {"now_ns": now_ns}
@@ -87,6 +96,6 @@ def answer(medium: Medium, number: int, request: bytes, now_ns: int) -> dict[str
         if operation == "faults":
             medium.use_faults(faults_from_json(given["faults"], now_ns))
             return {"ok": True}
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
+    except (ValueError, TypeError, KeyError, AttributeError, OverflowError, RecursionError) as error:
         return {"error": f"{type(error).__name__}: {error}"}
     return {"error": f"unknown request {operation!r}; known are status, recover, faults"}

@@ -110,3 +110,8 @@ def test_bus_off_refuses_frames_across_processes() -> None:
         one.send(can.Message(arbitration_id=0x100, data=b"\x12\x34", is_extended_id=False))
         told = [one.recv(WAIT_S) for _ in range(3)]
         assert all(message is not None and message.is_error_frame for message in told)
+
+
+def test_numbers_that_are_none_and_deep_nesting_are_refused() -> None:
+    for request in (b'{"op": "status", "x": 1e999}', b'{"op": "status", "x": NaN}', b"[" * 60_000):
+        assert "error" in answer(Medium(500_000, 2_000_000), 1, request, 0)
