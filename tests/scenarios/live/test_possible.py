@@ -55,7 +55,7 @@ def test_a_file_that_cannot_run_live_is_one_line_with_file_and_line(
         (["--bus", "vcan0"], "--bus vcan0: virtual time has a bus of its own; add --live"),
         (["--live", "--bus", "hilsim:x", "--profile"], "--profile"),
         (["--live", "--bus", ":"], "write auto"),
-        (["--live", "--bus", "vcan93"], "`ip link set vcan93 up`"),
+        (["--live", "--bus", "vcan93"], "hilsim:demo"),
     ],
 )
 def test_a_bus_that_will_not_do_is_one_line(
