@@ -66,7 +66,7 @@ def read_begaze(path: Path) -> BegazeRecording:
     try:
         if path.stat().st_size > MAX_BYTES:
             raise BegazeError(f"{path}: larger than {MAX_BYTES >> 20} MB; give a BeGaze text export of one session")
-        text = path.read_text(encoding="utf-8", errors="replace")
+        text = path.read_text(encoding="utf-8-sig", errors="replace")
     except OSError as error:
         raise BegazeError(f"{path}: cannot be read ({error.strerror or error}); check the path") from None
     try:

@@ -54,7 +54,7 @@ def read_gaze(
 def _check_info(folder: Path) -> None:
     path = folder / "info.json"
     try:
-        info = json.loads(path.read_text(encoding="utf-8"))
+        info = json.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
         raise InputError(
             f"gaze {folder}: no info.json, so no Neon recording folder; name the folder that holds it"
