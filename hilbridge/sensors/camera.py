@@ -31,7 +31,8 @@ cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 class CameraSource(Source[CameraFrame]):
     """Reads `spec`: a device index ("0"), the path of a video file, or an rtsp:// or http:// URL.
 
-    A file is played by its own stamps as if it were a camera (a Neon scene video by its `.time` file); `loop` starts it again at its end. `fps` plays it at
+    A file is played by its own stamps as if it were a camera (a Neon scene video by its `.time` file); `loop` starts it
+    again at its end. `fps` plays it at
     that rate instead, and asks a device for it (`self.fps` is what it then says it does). A device or stream
     that goes away is tried again every half second and is GONE meanwhile. Pictures are stamped when they were grabbed
     (`StampSource.ARRIVAL`: OpenCV hands on no hardware stamp).
@@ -69,7 +70,7 @@ class CameraSource(Source[CameraFrame]):
         said = float(self._capture.get(cv2.CAP_PROP_FPS))
         if 1.0 <= said <= 240.0 or not self._is_file:
             return said if 1.0 <= said <= 240.0 else 30.0
-        stamps = []
+        stamps: list[float] = []
         capture = self._open()
         while len(stamps) < _RATE_SAMPLE and capture.grab():
             stamps.append(float(capture.get(cv2.CAP_PROP_POS_MSEC)))
@@ -93,7 +94,9 @@ class CameraSource(Source[CameraFrame]):
 
     def _open_checked(self) -> tuple[cv2.VideoCapture, NDArray[np.uint8]]:
         if self._is_file and not Path(self._spec).is_file():
-            raise InputError(f"camera {self._spec}: no such file; give a device (0 or /dev/video0), a video file or an rtsp:// URL")
+            raise InputError(
+                f"camera {self._spec}: no such file; give a device (0 or /dev/video0), a video file or an rtsp:// URL"
+            )
         capture = self._open()
         if not capture.isOpened():
             capture.release()
@@ -121,36 +124,36 @@ class CameraSource(Source[CameraFrame]):
         """A file by its own stamps. A picture counts as captured when it is due; its conversion is part of the latency."""
         stamps_ns = None if self._wanted_fps is not None else _neon_stamps_ns(Path(self._spec))
         while True:
-            started_ns, played, first_ms = self._clock_ns(), 0, 0.0
-            last_ns = -1
-            while not self._stopping.is_set():
-                picture = self._first if self._first is not None else None
-                if picture is None and not self._capture.grab():
-                    break
+            started_ns, played, first_ms, last_ns = self._clock_ns(), 0, 0.0, -1
+            while self._first is not None or self._capture.grab():
                 stamp_ms = float(self._capture.get(cv2.CAP_PROP_POS_MSEC))
                 first_ms = stamp_ms if not played else first_ms
-                offset_ns = round(played * 1e9 / self.fps)
-                if stamps_ns is not None and played < len(stamps_ns):
-                    offset_ns = stamps_ns[played]
-                elif self._wanted_fps is None and math.isfinite(stamp_ms) and round((stamp_ms - first_ms) * 1e6) > last_ns:
-                    offset_ns = round((stamp_ms - first_ms) * 1e6)
-                last_ns = offset_ns = max(offset_ns, last_ns + 1)
-                due_ns = started_ns + offset_ns
-                if not self._sleep_until(due_ns):
-                    break
-                if picture is None:
-                    ok, picture = self._capture.retrieve()
-                    if not ok or not _is_colour(picture):
-                        self.cell.fail()
-                        played += 1
-                        continue
-                self._first = None
-                self._deliver_picture(np.asarray(picture, np.uint8), due_ns)
+                given_ns = stamps_ns[played] if stamps_ns and played < len(stamps_ns) else None
+                last_ns = self._offset_ns(played, stamp_ms - first_ms, given_ns, last_ns)
                 played += 1
-            if self._stopping.is_set() or not self._loop or not played:
+                if not self._sleep_until(started_ns + last_ns):
+                    return
+                self._show(started_ns + last_ns)
+            if not self._loop or not played:
                 return
             self._capture.release()
             self._capture = self._open()
+
+    def _offset_ns(self, played: int, stamp_ms: float, given_ns: int | None, last_ns: int) -> int:
+        """When the picture is due, from the first: as given, else by the file's stamp, else (no stamps) by the rate."""
+        if given_ns is not None:
+            return max(given_ns, last_ns + 1)
+        stamp_ns = round(stamp_ms * 1e6) if math.isfinite(stamp_ms) else -1
+        return stamp_ns if self._wanted_fps is None and stamp_ns > last_ns else round(played * 1e9 / self.fps)
+
+    def _show(self, due_ns: int) -> None:
+        """Hand on the picture that was grabbed, or count it as failed."""
+        first, self._first = self._first, None
+        ok, picture = (True, first) if first is not None else self._capture.retrieve()
+        if ok and _is_colour(picture):
+            self._deliver_picture(np.asarray(picture, np.uint8), due_ns)
+        else:
+            self.cell.fail()
 
     def _capture_live(self) -> None:
         failures = 0
