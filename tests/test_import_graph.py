@@ -42,8 +42,9 @@ SUBROOMS: dict[str, dict[str, set[str]]] = {
         "port": {"model", "simulated"},
         "analysis": {"model", "message_set"},
         "message_set": {"model"},
+        "candump_text": set(),
+        "logs": {"candump_text"},
         "diagnosis": {"model", "port", "logs"},
-        "logs": set(),
     },
     "hilbridge.learning": {
         "metrics": set(),

@@ -10,7 +10,8 @@ from hilbridge.errors import InputError
 
 DEFAULT_NAME = "hilbridge"
 # python-can interfaces that reach no wire. A socketcan interface is judged by its kernel kind instead.
-_VIRTUAL_INTERFACES = frozenset({"hilsim", "virtual", "udp_multicast"})
+_VIRTUAL_INTERFACES = frozenset({"hilsim", "virtual"})
+_GIVES_BACK = frozenset({"udp_multicast"})
 
 
 class BusUnavailable(InputError):
@@ -52,5 +53,10 @@ def parse_spec(text: str) -> BusSpec:
     if not interface or not channel:
         raise BusUnavailable(
             f"bus {text!r}: write auto, a CAN interface such as can0, or interface:channel such as hilsim:demo"
+        )
+    if interface in _GIVES_BACK:
+        raise BusUnavailable(
+            f"bus {text}: {interface} gives a node its own frames back, which the protocol takes for a second node; "
+            "use hilsim:NAME, which needs no hardware"
         )
     return BusSpec(interface, channel)

@@ -27,7 +27,7 @@ def gaze_csv(path: Path, unit: float = 1.0, rows: int = 400, valid_every: int = 
         ({"unit": 1e9}, "another unit"),  # nanoseconds as seconds
         ({"unit": 1e-3}, "another unit"),
         ({"junk_every": 20}, "bad rows (80%"),
-        ({"valid_every": 14}, "8% valid"),
+        ({"valid_every": 14}, "7% valid"),
         ({"rows": 1}, "1 sample"),
     ],
 )
