@@ -12,7 +12,8 @@ import can
 
 from firmware_sim.memory import Received
 
-_VIRTUAL = ("hilsim", "virtual", "udp_multicast")
+_VIRTUAL = ("hilsim", "virtual")
+_GIVES_BACK = ("udp_multicast",)
 _READS_AT_ONCE = 4096
 _RECEIVE_BUFFER = 4 * 1024 * 1024
 _REOPEN_NS = 100_000_000
@@ -55,6 +56,10 @@ def parse_spec(text: str) -> Spec:
         interface, channel = "socketcan", text
     if not interface or not channel:
         raise BusUnusable(f"bus {text!r}: write auto, an interface such as can0, or interface:channel")
+    if interface in _GIVES_BACK:
+        raise BusUnusable(
+            f"bus {text}: {interface} gives a node its own frames back, taken for a second device; use hilsim:NAME"
+        )
     if interface == "socketcan":
         virtual = channel.startswith(("vcan", "vxcan")) and not Path("/sys/class/net", channel, "device").exists()
     else:
@@ -82,10 +87,13 @@ class Attachment:
     def _open(self) -> can.BusABC:
         try:
             bus = can.Bus(interface=self.spec.interface, channel=self.spec.channel)
-        except (can.CanError, OSError, ValueError, NotImplementedError) as error:
-            hint = f"; `ip link set {self.spec.channel} up`" if self.spec.interface == "socketcan" else ""
+        except Exception as error:  # an absent driver shows as NameError, TypeError and kinds of its own
+            said = (str(error).splitlines() or [type(error).__name__])[0]
+            hint = f"python-can's page on {self.spec.interface!r} says what it needs"
+            if self.spec.interface == "socketcan":
+                hint = f"`ip link set {self.spec.channel} up`; without CAN in the kernel use --bus hilsim:demo"
             raise BusUnusable(
-                f"bus {self.spec.interface}:{self.spec.channel} cannot be opened: {error}{hint}"
+                f"bus {self.spec.interface}:{self.spec.channel} cannot be opened: {said}; {hint}"
             ) from None
         raw = getattr(bus, "socket", None)
         if isinstance(raw, socket.socket):

@@ -136,11 +136,12 @@ def _ways(rows: int, columns: int) -> list[Pairs]:
 
 def _apart(hands: list[Hand]) -> list[Hand]:
     """The hands without those that the detector found twice: of two in one place the more certain stays."""
-    kept: list[Hand] = []
-    for hand in sorted(hands, key=lambda one: -one.score):
-        if all(math.hypot(hand.x - other.x, hand.y - other.y) > SAME_HAND for other in kept):
-            kept.append(hand)
-    return [hand for hand in hands if hand in kept]
+    kept: list[int] = []
+    for index in sorted(range(len(hands)), key=lambda one: -hands[one].score):
+        hand = hands[index]
+        if all(math.hypot(hand.x - hands[other].x, hand.y - hands[other].y) > SAME_HAND for other in kept):
+            kept.append(index)
+    return [hands[index] for index in sorted(kept)]
 
 
 def _usable(hand: Hand) -> bool:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import RATE_HZ, STEP_NS, D
-from hilbridge.features.packs import read_pack
+from hilbridge.features.packs import file_hash, pack_made_from, read_pack
 from hilbridge.intent.predictor import MIN_USABLE_SHARE
 from hilbridge.learning.data.egtea import GAZE, Action, DatasetError
 from hilbridge.learning.data.stream import Stream
@@ -81,9 +81,16 @@ def load_features(
     Raises DatasetError for a session of which nothing is there, or a file that is not what it should be.
     """
     pack = root / PACKS / f"{session}.npz"
-    if pack.is_file():
-        return read_pack(pack)
     gaze, video = gaze_path(root, session), video_path(root, session)
+    if pack.is_file():
+        values, valid = read_pack(pack)
+        # The gaze file is checked at every reading; a video takes too long for that.
+        digest = pack_made_from(pack).get(gaze.name)
+        if digest is not None and gaze.is_file() and file_hash(gaze) != digest:
+            raise DatasetError(
+                f"{pack}: made from another {gaze.name} than is there now; delete it and run `data pack`"
+            )
+        return values, valid
     recording = read_begaze(gaze) if gaze.is_file() else None
     if recording is None and video is None:
         raise DatasetError(f"{session}: no pack, gaze or video under {root}; give the session's files or leave it out")
