@@ -14,7 +14,7 @@ import can
 from firmware_sim.memory import Received
 
 VIRTUAL_INTERFACES = frozenset({"hilsim", "virtual"})
-_GIVES_OWN_BACK = ("udp_multicast",)
+_GIVES_BACK = ("udp_multicast",)
 _READS_AT_ONCE = 4096
 _RECEIVE_BUFFER = 4 * 1024 * 1024
 _REOPEN_NS = 100_000_000
@@ -57,14 +57,14 @@ def parse_spec(text: str) -> Spec:
         interface, channel = "socketcan", text
     if not interface or not channel:
         raise BusUnusable(f"bus {text!r}: write auto, an interface such as can0, or interface:channel")
+    if interface in _GIVES_BACK:
+        raise BusUnusable(
+            f"bus {text}: {interface} gives a node its own frames back, taken for a second device; use hilsim:NAME"
+        )
     if interface == "socketcan":
         virtual = channel.startswith(("vcan", "vxcan")) and not Path("/sys/class/net", channel, "device").exists()
     else:
         virtual = interface in VIRTUAL_INTERFACES
-    if interface in _GIVES_OWN_BACK:
-        raise BusUnusable(
-            f"bus {text}: {interface} gives a node its own frames back, like those of an impostor; use hilsim:NAME"
-        )
     return Spec(interface, channel, not virtual)
 
 

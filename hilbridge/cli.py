@@ -183,6 +183,9 @@ def fetch_models(
 def bus_analysis(
     dbc: Annotated[Path, typer.Argument(help="a DBC file; `hilbridge dbc --out FILE` writes ours")],
     bitrate: Annotated[int, typer.Option("--bitrate", help="bit/s")] = 500_000,
+    data_bitrate: Annotated[
+        int | None, typer.Option("--data-bitrate", help="bit/s of CAN FD after BRS; default: what the DBC says")
+    ] = None,
     error_interval_ms: Annotated[
         float | None, typer.Option("--error-interval-ms", min=1.0, help="one error frame in each such interval")
     ] = None,
@@ -191,7 +194,7 @@ def bus_analysis(
     """Worst-case latency of each message of a DBC under arbitration, its margin to the deadline, and the bus load."""
     from hilbridge.bus.analysis import analyse, as_text
 
-    result = analyse(dbc, bitrate, error_interval_ms=error_interval_ms)
+    result = analyse(dbc, bitrate, data_bitrate=data_bitrate, error_interval_ms=error_interval_ms)
     if as_json:
         _print_json(result)
     else:

@@ -92,7 +92,7 @@ def load_config(path: Path | None, overrides: dict[str, dict[str, object]] | Non
     data: dict[str, object] = {}
     if path is not None:
         try:
-            data = tomllib.loads(path.read_text(encoding="utf-8"))
+            data = tomllib.loads(path.read_text(encoding="utf-8-sig"))
         except FileNotFoundError:
             raise InputError(
                 f"config {path}: no such file; write one (`hilbridge docs configuration`) or leave --config out"

@@ -11,34 +11,17 @@ import sys
 import time
 from collections import Counter
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass
-from enum import StrEnum
 from pathlib import Path
 
+from hilbridge.doctor_sensors import Finding, Verdict, check_camera, check_gaze, tried
 from hilbridge.errors import InputError
 from hilbridge.priority import Level
 from hilbridge.records import Frame
 
+__all__ = ["Finding", "Verdict", "examine", "worst"]
+
 _RUN_PACKAGES = ("python-can", "cantools", "numpy", "opencv-python-headless", "filterpy", "cryptography", "mcap")
 _EXTRAS = {"hands": "mediapipe", "train": "torch"}
-
-
-class Verdict(StrEnum):
-    """WELL, or NOTE (works, but worth knowing), or ILL (what it is needed for will not work)."""
-
-    WELL = "well"
-    NOTE = "note"
-    ILL = "ill"
-
-
-@dataclass(frozen=True, slots=True)
-class Finding:
-    """One thing looked at. `cure` is the command or act that mends it; empty where nothing is to mend."""
-
-    subject: str
-    verdict: Verdict
-    text: str
-    cure: str = ""
 
 
 def check_python() -> Finding:
@@ -81,37 +64,6 @@ def check_hand_model(path: Path | None = None) -> Finding:
     return Finding("hand model", Verdict.NOTE, f"{path}: {problem}", "hilbridge fetch-models --force")
 
 
-def check_camera(spec: str | None) -> Finding:
-    from hilbridge.sensors.camera import CameraSource
-
-    if spec is None:
-        return Finding("camera", Verdict.NOTE, "none given", "hilbridge doctor --camera 0")
-
-    def look() -> str:
-        source = CameraSource(spec)
-        source.stop()
-        return f"{spec}: {source.width} x {source.height} at {source.fps:.3g} fps"
-
-    return _tried("camera", look)
-
-
-def check_gaze(spec: str | None) -> Finding:
-    from hilbridge.sensors.gaze import open_gaze
-
-    if spec is None:
-        return Finding("gaze", Verdict.NOTE, "none given", "hilbridge doctor --gaze FOLDER")
-
-    def look() -> str:
-        recording = open_gaze(Path(spec))
-        seconds = float(recording.time_ns[-1]) / 1e9
-        return (
-            f"{spec}: {recording.format}, {len(recording.time_ns)} samples in {seconds:.1f} s, "
-            f"{recording.valid.mean():.0%} valid, {recording.bad_rows} bad rows"
-        )
-
-    return _tried("gaze", look)
-
-
 def check_bundle(path: Path | None) -> Finding:
     from hilbridge.intent.bundle import demo_bundle_path, load_bundle
 
@@ -119,7 +71,7 @@ def check_bundle(path: Path | None) -> Finding:
         bundle = load_bundle(path or demo_bundle_path())
         return f"{path or 'the one that ships'}: id {bundle.bundle_id:#06x}, tau_on {bundle.thresholds.tau_on:.2f}"
 
-    return _tried("bundle", look)
+    return tried("bundle", look)
 
 
 def check_clock(samples: int = 50, pause: Callable[[float], None] = time.sleep) -> Finding:
@@ -220,14 +172,6 @@ def examine(bus: str | None, camera: str | None, gaze: str | None, bundle: Path 
     findings += [check_camera(camera), check_gaze(gaze)]
     findings += check_bus(bus) if bus else [Finding("bus", Verdict.NOTE, "none given", "hilbridge doctor --bus auto")]
     return [*findings, check_clock(), check_realtime()]
-
-
-def _tried(subject: str, look: Callable[[], str]) -> Finding:
-    try:
-        return Finding(subject, Verdict.WELL, look())
-    except InputError as error:
-        text, _, cure = str(error).partition("; ")
-        return Finding(subject, Verdict.ILL, text, cure)
 
 
 def worst(findings: Iterable[Finding]) -> Verdict:

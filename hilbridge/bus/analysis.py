@@ -11,37 +11,21 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
+from hilbridge.bus.message_set import Stream, read_message_set
 from hilbridge.bus.model.bits import INTERMISSION_BITS, frame_length
-from hilbridge.bus.model.frames import WireFrame, arbitration_key
+from hilbridge.bus.model.frames import WireFrame
 from hilbridge.errors import InputError
 from hilbridge.limits import MS
+from hilbridge.wire.dbc_file import shown_id
 
 NS_PER_S = 1_000_000_000
-EVENT_DISTANCE_MS = 10.0  # the protocol repeats STOP every 10 ms; nothing is sent faster on purpose
 MIN_BITRATE, MAX_BITRATE = 10_000, 1_000_000
+MAX_DATA_BITRATE = 8_000_000
 _ERROR_FRAME_BITS = 31  # error flag, superposition, delimiter, intermission (Tindell 1995)
-
-
-@dataclass(frozen=True, slots=True)
-class Stream:
-    """One message of the set: how long its frames are at worst, how often they come, by when they must have arrived.
-
-    `frame_bits` counts the intermission too. `period_ns` is the least time between two of them. `is_event`: no cycle is
-    defined and the period is an assumption.
-    """
-
-    name: str
-    can_id: int
-    key: int
-    payload_bytes: int
-    frame_bits: int
-    period_ns: int
-    deadline_ns: int
-    jitter_ns: int = 0
-    is_event: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,32 +41,47 @@ class Response:
         return None if self.worst_ns is None else self.stream.deadline_ns - self.worst_ns
 
 
-def worst_frame_bits(payload_bytes: int, *, extended: bool = False) -> int:
-    """Bits of the longest classical frame, with stuff bits and intermission (Davis et al. 2007, equation 1)."""
-    stuffable = (54 if extended else 34) + 8 * payload_bytes
-    return stuffable + 13 + (stuffable - 1) // 4
-
-
 def exact_frame_bits(frame: WireFrame) -> int:
     """Bits of one classical frame as it is, with intermission."""
     return frame_length(frame).nominal_bits + INTERMISSION_BITS
 
 
-def load(streams: Sequence[Stream], bitrate: int) -> float:
+@dataclass(frozen=True, slots=True)
+class Rates:
+    """Bit rates of a bus in bit/s; without a data bit rate FD frames are sent at the arbitration bit rate throughout."""
+
+    nominal: int
+    data: int | None = None
+
+    def duration_ns(self, stream: Stream) -> int:
+        """How long the stream's longest frame takes, intermission included."""
+        nominal_ns = stream.frame_bits * NS_PER_S // self.nominal
+        return nominal_ns + stream.data_bits * NS_PER_S // (self.data or self.nominal)
+
+
+def load(streams: Sequence[Stream], bitrate: int, *, data_bitrate: int | None = None) -> float:
     """The share of time the bus is in use when every stream is as frequent and as long as it can be."""
-    return sum(stream.frame_bits * NS_PER_S / bitrate / stream.period_ns for stream in streams)
+    rates = Rates(bitrate, data_bitrate)
+    return sum(rates.duration_ns(stream) / stream.period_ns for stream in streams)
 
 
-def responses(streams: Sequence[Stream], bitrate: int, *, error_interval_ns: int | None = None) -> list[Response]:
+def responses(
+    streams: Sequence[Stream], bitrate: int, *, data_bitrate: int | None = None, error_interval_ns: int | None = None
+) -> list[Response]:
     """The worst case of each stream, most urgent first. `error_interval_ns`: one error frame in each such interval.
 
     Raises InputError where two streams have the same arbitration field.
     """
     ordered = sorted(streams, key=lambda stream: stream.key)
-    if len({stream.key for stream in ordered}) < len(ordered):
-        raise InputError("two messages have one identifier; on a bus they would destroy each other: change the DBC")
+    for one, other in pairwise(ordered):
+        if one.key == other.key:
+            raise InputError(
+                f"messages {one.name} and {other.name} have one identifier {one.can_id:#05x}; "
+                "on a bus they would destroy each other: change the DBC"
+            )
+    rates = Rates(bitrate, data_bitrate)
     return [
-        Response(stream, _worst_ns(ordered, index, bitrate, error_interval_ns)) for index, stream in enumerate(ordered)
+        Response(stream, _worst_ns(ordered, index, rates, error_interval_ns)) for index, stream in enumerate(ordered)
     ]
 
 
@@ -90,12 +89,8 @@ def _ceil(numerator: int, denominator: int) -> int:
     return -(-numerator // denominator)
 
 
-def _worst_ns(ordered: Sequence[Stream], index: int, bitrate: int, error_interval_ns: int | None) -> int | None:
-    bit_ns = NS_PER_S // bitrate
-
-    def duration(stream: Stream) -> int:
-        return stream.frame_bits * NS_PER_S // bitrate
-
+def _worst_ns(ordered: Sequence[Stream], index: int, rates: Rates, error_interval_ns: int | None) -> int | None:
+    bit_ns, duration = NS_PER_S // rates.nominal, rates.duration_ns
     stream, own = ordered[index], duration(ordered[index])
     urgent = [(duration(other), other) for other in ordered[:index]]
     blocking = max((duration(other) for other in ordered[index + 1 :]), default=0)
@@ -141,53 +136,21 @@ def _fixed_point(step: Callable[[int], int], start: int) -> int | None:
     return None
 
 
-def streams_of_dbc(path: Path, *, event_distance_ms: float = EVENT_DISTANCE_MS) -> list[Stream]:
-    """The message set of a DBC file: cycles from GenMsgCycleTime, deadlines from RxTimeoutMs where that is the shorter.
-
-    A message without a cycle is an event that comes at most every `event_distance_ms`. Raises InputError for a file
-    that is missing or no DBC.
-    """
-    import cantools
-
-    try:
-        database: Any = cantools.database.load_file(str(path), database_format="dbc", strict=False)
-    except OSError as error:
-        raise InputError(f"{path}: {error.strerror}; give a DBC file; `hilbridge dbc` prints ours") from error
-    except Exception as error:  # cantools raises whatever its parser meets
-        raise InputError(f"{path}: no DBC file; `hilbridge dbc --out FILE` writes ours") from error
-    streams = []
-    for message in database.messages:
-        attributes: Mapping[str, Any] = message.dbc.attributes if message.dbc else {}
-        timeout = attributes.get("RxTimeoutMs")
-        cycle_ms = message.cycle_time or event_distance_ms
-        deadline_ms = min(cycle_ms, timeout.value) if timeout is not None and timeout.value else cycle_ms
-        frame = WireFrame(message.frame_id, bytes(message.length), message.is_extended_frame)
-        streams.append(
-            Stream(
-                message.name,
-                message.frame_id,
-                arbitration_key(frame),
-                message.length,
-                worst_frame_bits(message.length, extended=message.is_extended_frame),
-                int(cycle_ms * MS),
-                int(deadline_ms * MS),
-                is_event=not message.cycle_time,
-            )
-        )
-    return streams
-
-
 def with_exact_bits(streams: Sequence[Stream], frames: Mapping[int, WireFrame]) -> list[Stream]:
     """The same set with the true length of given frames (by identifier) in place of the bound."""
     return [
-        replace(stream, frame_bits=exact_frame_bits(frames[stream.can_id])) if stream.can_id in frames else stream
+        replace(stream, frame_bits=exact_frame_bits(frames[stream.can_id]))
+        if stream.can_id in frames and frames[stream.can_id].is_extended == stream.is_extended
+        else stream
         for stream in streams
     ]
 
 
-def report(streams: Sequence[Stream], bitrate: int, *, error_interval_ns: int | None = None) -> dict[str, Any]:
+def report(
+    streams: Sequence[Stream], bitrate: int, *, data_bitrate: int | None = None, error_interval_ns: int | None = None
+) -> dict[str, Any]:
     """Load and worst cases in plain values, as `hilbridge bus-analysis --json` prints them; times in milliseconds."""
-    found = responses(streams, bitrate, error_interval_ns=error_interval_ns)
+    found = responses(streams, bitrate, data_bitrate=data_bitrate, error_interval_ns=error_interval_ns)
     entries = []
     for response in found:
         stream, worst, margin = response.stream, response.worst_ns, response.margin_ns
@@ -195,8 +158,11 @@ def report(streams: Sequence[Stream], bitrate: int, *, error_interval_ns: int | 
             {
                 "name": stream.name,
                 "id": stream.can_id,
+                "extended": stream.is_extended,
+                "fd": stream.is_fd,
                 "payload_bytes": stream.payload_bytes,
-                "frame_bits": stream.frame_bits,
+                "frame_bits": stream.frame_bits + stream.data_bits,
+                "data_bits": stream.data_bits,
                 "period_ms": stream.period_ns / MS,
                 "period_assumed": stream.is_event,
                 "deadline_ms": stream.deadline_ns / MS,
@@ -207,25 +173,44 @@ def report(streams: Sequence[Stream], bitrate: int, *, error_interval_ns: int | 
         )
     return {
         "bitrate": bitrate,
-        "load": load(streams, bitrate),
+        "data_bitrate": data_bitrate,
+        "load": load(streams, bitrate, data_bitrate=data_bitrate),
         "schedulable": all(entry["meets_deadline"] for entry in entries),
         "messages": entries,
+        "left_out": {},
     }
 
 
-def analyse(path: Path, bitrate: int, *, error_interval_ms: float | None = None) -> dict[str, Any]:
-    """`report` for a DBC file and a bit rate in bit/s. Raises InputError."""
+def analyse(
+    path: Path, bitrate: int, *, data_bitrate: int | None = None, error_interval_ms: float | None = None
+) -> dict[str, Any]:
+    """`report` for a DBC file and bit rates in bit/s; the data bit rate of CAN FD is the DBC's (BaudrateCANFD) where none
+    is given. Raises InputError.
+    """
     if not MIN_BITRATE <= bitrate <= MAX_BITRATE:
         raise InputError(f"bit rate {bitrate}: classical CAN has 10000 to 1000000 bit/s; give --bitrate 500000")
+    if data_bitrate is not None and not bitrate <= data_bitrate <= MAX_DATA_BITRATE:
+        raise InputError(
+            f"data bit rate {data_bitrate}: CAN FD has {bitrate} to {MAX_DATA_BITRATE} bit/s; give --data-bitrate 2000000"
+        )
     interval_ns = None if error_interval_ms is None else int(error_interval_ms * MS)
-    return report(streams_of_dbc(path), bitrate, error_interval_ns=interval_ns)
+    found = read_message_set(path)
+    rate = data_bitrate
+    if rate is None and found.data_bitrate is not None and bitrate <= found.data_bitrate <= MAX_DATA_BITRATE:
+        rate = found.data_bitrate
+    result = report(found.streams, bitrate, data_bitrate=rate, error_interval_ns=interval_ns)
+    return {**result, "left_out": found.left_out}
 
 
 def as_text(result: Mapping[str, Any]) -> str:
     """The report as a table for people."""
+    fd_names = [entry["name"] for entry in result["messages"] if entry["data_bits"]]
+    rate = result["data_bitrate"]
+    wide = max([16, *(len(entry["name"]) + 1 for entry in result["messages"])])
+    with_data = f", data {rate} bit/s" if fd_names and rate else ""
     lines = [
-        f"{result['bitrate']} bit/s, load {100 * result['load']:.1f} % at worst",
-        f"{'message':<16}{'id':>6}{'bits':>6}{'period':>9}{'worst':>10}{'deadline':>10}{'margin':>10}   ms",
+        f"{result['bitrate']} bit/s{with_data}, load {100 * result['load']:.1f} % at worst",
+        f"{'message':<{wide}}{'id':>10}{'bits':>6}{'period':>9}{'worst':>10}{'deadline':>10}{'margin':>10}   ms",
     ]
     for entry in result["messages"]:
         worst, margin = entry["worst_case_latency_ms"], entry["margin_ms"]
@@ -233,9 +218,17 @@ def as_text(result: Mapping[str, Any]) -> str:
         left = "-" if margin is None else f"{margin:.3f}"
         mark = "*" if entry["period_assumed"] else " "
         missed = "" if entry["meets_deadline"] else "  can be missed"
+        shown = shown_id(entry["id"], is_extended=entry["extended"])
         lines.append(
-            f"{entry['name']:<16}{entry['id']:>#6x}{entry['frame_bits']:>6}{entry['period_ms']:>8.0f}{mark}"
+            f"{entry['name']:<{wide}}{shown:>10}{entry['frame_bits']:>6}{entry['period_ms']:>8.0f}{mark}"
             f"{latency:>10}{entry['deadline_ms']:>10.1f}{left:>10}{missed}"
         )
     lines.append("* an event: the period is assumed; bits and times with worst-case stuffing and intermission")
+    if fd_names and not rate:
+        some = ", ".join(fd_names[:4]) + (" ..." if len(fd_names) > 4 else "")
+        lines.append(
+            f"CAN FD ({len(fd_names)}: {some}): counted at {result['bitrate']} bit/s throughout, the longest they can "
+            "take; give --data-bitrate"
+        )
+    lines += [f"left out: {name}, {why}" for name, why in result["left_out"].items()]
     return "\n".join(lines)

@@ -19,8 +19,8 @@ from typing import Any, NamedTuple
 from hilbridge.bus.model.error_frames import CLASS_BUS_ERROR, CLASS_PROTOCOL, ErrorState, read_error_frame
 from hilbridge.bus.port.asyncio_port import BusPort
 from hilbridge.bus.port.netlink import LinkInfo, read_link
-from hilbridge.errors import InputError
 from hilbridge.records import Frame
+from hilbridge.wire.dbc_file import dbc_number, load_dbc, shown_number
 
 _COUNTER_BYTE = 2  # of an E2E profile 5 header
 _TWICE = 0.7  # a cycle this much shorter than it should be is no jitter
@@ -77,18 +77,14 @@ class Observation:
 
 
 def known_messages(path: Path) -> dict[int, Known]:
-    """The messages of a DBC by identifier; one with several senders (STOP) belongs to nobody. Raises InputError."""
-    import cantools
-
-    try:
-        database: Any = cantools.database.load_file(str(path), database_format="dbc", strict=False)
-    except Exception as error:  # cantools raises whatever its parser meets
-        raise InputError(f"{path}: no DBC file; `hilbridge dbc --out FILE` writes ours") from error
+    """The messages of a DBC by its number (an extended identifier has bit 31 set); one with several senders (STOP)
+    belongs to nobody. Raises InputError.
+    """
     return {
-        message.frame_id: Known(
+        dbc_number(message.frame_id, is_extended=message.is_extended_frame): Known(
             message.name, message.senders[0] if len(message.senders) == 1 else "", float(message.cycle_time or 0)
         )
-        for message in database.messages
+        for message in load_dbc(path).messages
     }
 
 
@@ -227,8 +223,7 @@ def _traffic(seen: Observation, bitrate: int) -> list[BusFinding]:
 def _identifiers(seen: Observation, known: Mapping[int, Known], ours: str) -> list[BusFinding]:
     by_id: dict[int, list[Frame]] = {}
     for frame in seen.good:
-        if not frame.is_extended:
-            by_id.setdefault(frame.can_id, []).append(frame)
+        by_id.setdefault(dbc_number(frame.can_id, is_extended=frame.is_extended), []).append(frame)
     findings = []
     impostors = sorted(known[can_id].name for can_id in by_id if can_id in known and known[can_id].sender == ours)
     if impostors:
@@ -239,11 +234,11 @@ def _identifiers(seen: Observation, known: Mapping[int, Known], ours: str) -> li
     for can_id, frames in sorted(by_id.items()):
         message = known.get(can_id)
         if message is not None and message.sender != ours and _two_senders(frames, message.cycle_ms):
-            text = f"{message.name} ({can_id:#05x}) comes from two nodes: too often, and its counter jumps to and fro"
+            text = f"{message.name} ({shown_number(can_id)}) comes from two nodes: too often, and its counter jumps to and fro"
             findings.append(BusFinding("identifiers", Severity.ILL, text, "take one of the two devices off the bus"))
     strangers = sorted(can_id for can_id in by_id if can_id not in known)
     if strangers:
-        shown = ", ".join(f"{can_id:#05x}" for can_id in strangers[:6]) + (" ..." if len(strangers) > 6 else "")
+        shown = ", ".join(shown_number(can_id) for can_id in strangers[:6]) + (" ..." if len(strangers) > 6 else "")
         text = f"{len(strangers)} identifiers that the DBC does not have: {shown}"
         cure = "nothing, if they are meant to be there; those below 0x060 can delay ACT_CMD (hilbridge bus-analysis)"
         findings.append(BusFinding("identifiers", Severity.NOTE, text, cure))

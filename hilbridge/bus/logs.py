@@ -5,16 +5,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import can
 
+from hilbridge.bus.candump_text import candump_line, read_candump
 from hilbridge.errors import InputError, needs_extra
 from hilbridge.records import Frame
 
 SUFFIXES = (".log", ".asc", ".blf", ".mf4")
+_TEXTS = (".log", ".asc")
 
 
 def _check(path: Path) -> None:
@@ -28,20 +31,48 @@ def _check(path: Path) -> None:
 def read_log(path: Path) -> Iterator[Frame]:
     """The frames of a log, error frames among them; `wall_ns` is the stamp in the file (Unix time, or from its start).
 
-    Raises InputError for a name, a file or a content that cannot be read, also in the middle.
+    A Frame has no channel, direction, BRS, ESI or asked-for length: `convert` keeps those that the formats have. Raises
+    InputError for a name, a file or a content that cannot be read, also in the middle, and where no line is understood.
     """
+    return map(frame_of_message, read_messages(path))
+
+
+def read_messages(path: Path) -> Iterator[can.Message]:
+    """As `read_log`, with all that python-can's message holds."""
     _check(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file; give the path of a CAN log")
-    options: dict[str, Any] = {"relative_timestamp": False} if path.suffix.lower() == ".asc" else {}
     count = 0
     try:
-        with can.LogReader(path, **options) as reader:
-            for message in reader:
-                yield frame_of_message(message)
-                count += 1
+        for message in _reader(path):
+            yield message
+            count += 1
     except Exception as error:  # each format's reader raises kinds of its own
         raise InputError(f"{path}: cannot be read after {count} frames ({error}); is it complete?") from error
+    if count == 0 and path.suffix.lower() in _TEXTS and _has_events(path):
+        raise InputError(f"{path}: no line of it is understood as a CAN frame; is it a {path.suffix} log?")
+
+
+def _reader(path: Path) -> Iterator[can.Message]:
+    if path.suffix.lower() == ".log":
+        with path.open(encoding="utf-8-sig") as file:
+            yield from read_candump(file)
+        return
+    options: dict[str, Any] = {"relative_timestamp": False} if path.suffix.lower() == ".asc" else {}
+    with can.LogReader(path, **options) as reader:
+        total_s = 0.0
+        for message in reader:
+            if getattr(reader, "timestamps_format", None) == "relative":  # each stamp counts from the one before
+                start_s = float(getattr(reader, "start_time", 0.0) or 0.0)
+                total_s += message.timestamp - start_s
+                message.timestamp = start_s + total_s
+            yield message
+
+
+def _has_events(path: Path) -> bool:
+    """Whether a text log without frames has lines that look like some: a number first."""
+    with path.open(encoding="utf-8-sig", errors="replace") as file:
+        return any(line.strip()[:1].isdigit() or line.strip()[:1] == "(" for line in file)
 
 
 def write_log(path: Path, frames: Iterable[Frame], *, channel: str = "can0") -> int:
@@ -49,13 +80,24 @@ def write_log(path: Path, frames: Iterable[Frame], *, channel: str = "can0") -> 
 
     Raises InputError for a name that is no log's and for a folder that cannot be written to, and what `frames` raises.
     """
+    return write_messages(path, (message_of_frame(frame, channel=channel) for frame in frames))
+
+
+def write_messages(path: Path, messages: Iterable[can.Message]) -> int:
+    """As `write_log`, of python-can's messages."""
     _check(path)
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     count = 0
+    write: Callable[[can.Message], object]
     try:
-        with can.Logger(part) as logger:
-            for frame in frames:
-                logger(message_of_frame(frame, channel=channel))
+        with ExitStack() as open_files:
+            if path.suffix.lower() == ".log":
+                file = open_files.enter_context(part.open("w", encoding="utf-8"))
+                write = lambda message: file.write(candump_line(message))  # noqa: E731 - one of two writers
+            else:
+                write = open_files.enter_context(can.Logger(part))
+            for message in messages:
+                write(message)
                 count += 1
         part.replace(path)
     except OSError as error:
@@ -66,8 +108,10 @@ def write_log(path: Path, frames: Iterable[Frame], *, channel: str = "can0") -> 
 
 
 def convert(source: Path, target: Path) -> int:
-    """Copy a log into another format, both told by the names; gives the number of frames. Raises InputError."""
-    return write_log(target, read_log(source))
+    """Copy a log into another format, both told by the names; gives the number of frames. Channel, direction, BRS and ESI
+    go with it where the formats have them. Raises InputError.
+    """
+    return write_messages(target, read_messages(source))
 
 
 def frame_of_message(message: can.Message) -> Frame:

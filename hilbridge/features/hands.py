@@ -23,6 +23,7 @@ VELOCITY_VARIANCE = 0.5  # of a hand just found, picture widths per second squar
 ACCELERATION_SD_PER_S2 = 3.0  # reaching peaks at a few picture widths per second squared
 MATCH_DISTANCE = 0.35  # further than a hand moves in one step: another hand
 MIN_SCORE = 0.3
+SAME_HAND = 0.05  # of the picture: two palm centres so near are one hand found twice
 # A detector that sees more hands than this in one picture is not to be believed, nor to be waited for.
 MAX_CANDIDATES = 8
 Pairs = tuple[tuple[int, int], ...]
@@ -93,7 +94,7 @@ class HandTracker:
             if track is not None:
                 track.predict(now_ns)
         if fresh and tracks is not None:
-            self._associate([hand for hand in tracks.hands if _usable(hand)], now_ns)
+            self._associate(_apart([hand for hand in tracks.hands if _usable(hand)]), now_ns)
         for slot, track in enumerate(self._slots):
             if track is not None and now_ns - track.seen_ns > HAND_COAST_NS:
                 self._slots[slot] = None
@@ -131,6 +132,16 @@ def _ways(rows: int, columns: int) -> list[Pairs]:
     if rows > columns:
         return [tuple(zip(chosen, range(columns), strict=True)) for chosen in permutations(range(rows), columns)]
     return [tuple(enumerate(chosen)) for chosen in permutations(range(columns), rows)]
+
+
+def _apart(hands: list[Hand]) -> list[Hand]:
+    """The hands without those that the detector found twice: of two in one place the more certain stays."""
+    kept: list[int] = []
+    for index in sorted(range(len(hands)), key=lambda one: -hands[one].score):
+        hand = hands[index]
+        if all(math.hypot(hand.x - hands[other].x, hand.y - hands[other].y) > SAME_HAND for other in kept):
+            kept.append(index)
+    return [hands[index] for index in sorted(kept)]
 
 
 def _usable(hand: Hand) -> bool:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import csv
 import math
 import time
 from collections.abc import Callable
@@ -16,14 +15,17 @@ from hilbridge.errors import InputError
 from hilbridge.records import GazeSample, StampSource
 from hilbridge.sensors import pupil_labs
 from hilbridge.sensors.begaze import read_begaze
+from hilbridge.sensors.gaze_csv import read_csv
 from hilbridge.sensors.source import Source
 
 
 @dataclass(frozen=True, slots=True)
 class GazeRecording:
-    """A recording in memory. Arrays are (N,): time since the start, x, y in 0..1 of the picture, validity.
+    """A recording in memory. Arrays are (N,): time since the scene video's start, x, y in 0..1 of the picture, validity.
 
-    `time_ns` increases strictly. `bad_rows` counts what could not be read and was left out.
+    Where the file does not tell the video's time, it is the time since the first sample. `time_ns` increases strictly;
+    what is below zero was seen before the video began and is not played. `bad_rows` counts what could not be read and was
+    left out.
     """
 
     time_ns: NDArray[np.int64]
@@ -35,7 +37,7 @@ class GazeRecording:
 
 
 def open_gaze(path: Path) -> GazeRecording:
-    """Read a Neon recording folder, a BeGaze text export, or a CSV with columns time_s, x, y[, valid].
+    """Read a Neon recording folder, a BeGaze text export, or a CSV (time_s, x, y[, valid], or the Neon Cloud's).
 
     Raises InputError naming the file and the cure.
     """
@@ -46,72 +48,52 @@ def open_gaze(path: Path) -> GazeRecording:
     if path.stat().st_size == 0:
         raise InputError(f"gaze {path}: the file is empty; export the recording again")
     if path.suffix.lower() == ".csv":
-        return read_csv(path)
+        return csv_recording(path)
     return begaze_recording(path)
 
 
 def pupil_labs_recording(folder: Path) -> GazeRecording:
-    """Read a Neon recording's gaze (see pupil_labs.py)."""
-    time_ns, x, y, valid = pupil_labs.read_gaze(folder)
-    return _checked(folder, time_ns, x, y, valid, 0, "neon")
+    """Read a Neon recording's gaze (see pupil_labs.py), or what the Cloud makes of it (gaze.csv)."""
+    if (folder / "gaze.csv").is_file() and not any(folder.glob("gaze ps*.raw")):
+        return csv_recording(folder / "gaze.csv")
+    found = pupil_labs.read_gaze(folder)
+    return _checked(folder, found.time_ns, (found.x, found.y, found.valid), 0, "neon", origin_ns=found.scene_ns)
 
 
 def begaze_recording(path: Path) -> GazeRecording:
-    """Read a BeGaze 3.1 or 3.4 export. BeGaze ends every line, so one that is not ended was cut off."""
+    """Read a BeGaze export. BeGaze ends every line, so one that is not ended was cut off."""
     with path.open("rb") as file:
         file.seek(-1, 2)
         if file.read(1) not in b"\r\n":
             raise InputError(f"gaze {path}: ends in the middle of a line; it is truncated, copy or export it again")
     table = read_begaze(path)
-    return _checked(path, table.time_us * 1000, table.x, table.y, table.valid, table.bad_lines, "begaze")
+    return _checked(
+        path, table.played_ns(), (table.x, table.y, table.valid), table.bad_lines, "begaze", origin_ns=table.origin_ns()
+    )
 
 
-def read_csv(path: Path) -> GazeRecording:
-    """Read columns time_s, x, y (0..1) and optionally valid (0/1); rows that do not parse are counted and left out."""
-    rows: list[tuple[int, float, float, bool]] = []
-    bad = 0
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.DictReader(file)
-            missing = {"time_s", "x", "y"} - set(reader.fieldnames or ())
-            if missing:
-                raise InputError(
-                    f"gaze {path}: no column {', '.join(sorted(missing))}; the header needs time_s,x,y[,valid]"
-                )
-            row: dict[str, str | None] = {}
-            for row in reader:
-                try:
-                    time_s, x, y = float(row["time_s"] or ""), float(row["x"] or ""), float(row["y"] or "")
-                    valid = float(row.get("valid") or 1) != 0.0
-                    time_ns = round(time_s * 1e9)
-                except (TypeError, ValueError, OverflowError):
-                    bad += 1
-                    continue
-                rows.append((time_ns, x, y, valid))
-            if row and None in row.values():
-                raise InputError(f"gaze {path}: the last row lacks columns; it is truncated, copy or export it again")
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise InputError(
-            f"gaze {path}: not a CSV text ({error}); save it as UTF-8 with the header time_s,x,y[,valid]"
-        ) from None
-    if not rows:
-        raise InputError(
-            f"gaze {path}: no row could be read ({bad} bad); columns are time_s,x,y[,valid] with x, y in 0..1"
-        )
-    stamps, xs, ys, valids = zip(*rows, strict=True)
-    return _checked(path, np.array(stamps, np.int64), np.array(xs), np.array(ys), np.array(valids, bool), bad, "csv")
+def csv_recording(path: Path) -> GazeRecording:
+    """Read a .csv: our own columns, or the Neon Cloud's."""
+    found = read_csv(path)
+    return _checked(
+        path, found.time_ns, (found.x, found.y, found.valid), found.bad, found.name, origin_ns=found.scene_ns
+    )
 
 
 def _checked(
     path: Path,
     time_ns: NDArray[np.int64],
-    x: NDArray[np.float64],
-    y: NDArray[np.float64],
-    valid: NDArray[np.bool_],
+    columns: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]],
     bad: int,
     name: str,
+    *,
+    origin_ns: int | None = None,
 ) -> GazeRecording:
-    """Refuse what cannot be played; leave out rows that go back in time; mark what is no number as invalid."""
+    """Refuse what cannot be played; leave out rows that go back in time; mark what is no number as invalid.
+
+    `origin_ns` is the stamp at which the scene video begins; None: not known, the first sample counts as it.
+    """
+    x, y, valid = columns
     if len(time_ns) < 2:
         raise InputError(f"gaze {path}: {len(time_ns)} sample(s); a recording needs at least two, export it again")
     forward = np.concatenate(([True], time_ns[1:] > np.maximum.accumulate(time_ns)[:-1]))
@@ -122,7 +104,10 @@ def _checked(
     if len(time_ns) < 2 or not (usable & inside).any():
         raise InputError(f"gaze {path}: no valid sample inside the picture; x, y must be 0..1 of the scene camera")
     x[~usable], y[~usable] = 0.0, 0.0
-    return GazeRecording(time_ns - time_ns[0], x, y, usable & inside, bad, name)
+    start_ns = int(time_ns[0]) if origin_ns is None else origin_ns
+    if time_ns[-1] < start_ns:
+        raise InputError(f"gaze {path}: ends before the scene video begins; the two are of different recordings")
+    return GazeRecording(time_ns - start_ns, x, y, usable & inside, bad, name)
 
 
 class GazePlayer(Source[GazeSample]):
@@ -146,6 +131,8 @@ class GazePlayer(Source[GazeSample]):
                 recording.valid.tolist(),
                 strict=True,
             ):
+                if offset_ns < 0:
+                    continue
                 due_ns = started_ns + offset_ns
                 if not self._sleep_until(due_ns):
                     return

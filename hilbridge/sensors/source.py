@@ -66,7 +66,7 @@ class Source(ABC, Generic[T]):
 
     def _deliver(self, value: T, captured_ns: int) -> None:
         self.last_captured_ns = captured_ns
-        self.state = SourceState.RUNNING
+        self.state, self.detail = SourceState.RUNNING, ""
         self.cell.put(value)
 
     def _sleep_until(self, due_ns: int) -> bool:

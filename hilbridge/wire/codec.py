@@ -8,15 +8,15 @@ offset are.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from enum import StrEnum
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import cantools
-
 from hilbridge.records import Frame
-from hilbridge.wire.dbc import REQUIRED, DbcError, Message, Value, default_dbc_path, read_message
+from hilbridge.wire.dbc import REQUIRED, Message, Value, default_dbc_path, read_message, required_message
+from hilbridge.wire.dbc_file import DbcError, dbc_number, load_dbc, same_identifier, shown_number
 
 
 class RejectReason(StrEnum):
@@ -53,22 +53,47 @@ class Rejected(NamedTuple):
 
 
 class Codec:
-    """The DBC as tables. `messages` by name, `by_id` by identifier."""
+    """The DBC as tables. `messages` by name; `by_id` by the DBC's number (an extended identifier has bit 31 set).
+
+    What others send need not be of a kind that this codec speaks: `left_out` has those messages' names and why.
+    """
 
     def __init__(self, dbc_path: Path | None = None) -> None:
         """Read a DBC (the shipped one by default). Raises DbcError in one line naming file, message and cure."""
         self.path = dbc_path or default_dbc_path()
-        try:
-            database: Any = cantools.database.load_file(str(self.path), database_format="dbc")
-        except FileNotFoundError:
-            raise DbcError(
-                f"{self.path}: no such DBC file; give the path of one, or none for the shipped one"
-            ) from None
-        except Exception as error:  # cantools raises whatever its parser meets
-            first_line = (str(error).splitlines() or [type(error).__name__])[0]
-            raise DbcError(f"{self.path}: not a DBC file that can be read ({first_line})") from None
-        self.messages = {message.name: read_message(message, self.path) for message in database.messages}
-        self.by_id = {message.can_id: message for message in self.messages.values()}
+        read = list(load_dbc(self.path).messages)
+        self._check_identifiers(read)
+        self.messages: dict[str, Message] = {}
+        self.left_out: dict[str, str] = {}
+        for message in read:
+            if message.name in REQUIRED:
+                self.messages[message.name] = required_message(message, self.path)
+                continue
+            try:
+                layout = read_message(message, self.path)
+            except Exception as error:  # another's message; whatever ails it is not this bridge's
+                self.left_out[message.name] = str(error) or type(error).__name__
+            else:
+                self.messages.setdefault(message.name, layout)
+        self.by_id = {
+            dbc_number(message.can_id, is_extended=message.is_extended): message
+            for message in self.messages.values()
+            if not message.is_fd
+        }
+        self._check_required()
+
+    def _check_identifiers(self, read: list[Any]) -> None:
+        for number, names in same_identifier(read).items():
+            if not REQUIRED.keys().isdisjoint(names):
+                raise DbcError(
+                    f"{self.path}: messages {' and '.join(names)} have one identifier {shown_number(number)}; "
+                    "give each its own, or take one out"
+                )
+        for name, count in Counter(message.name for message in read).items():
+            if count > 1 and name in REQUIRED:
+                raise DbcError(f"{self.path}: message {name} is there {count} times; take all but one out")
+
+    def _check_required(self) -> None:
         cure = f"restore it from {default_dbc_path().name} as shipped"
         for name, signals in REQUIRED.items():
             if name not in self.messages:

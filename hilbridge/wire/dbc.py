@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from hilbridge.errors import InputError
+from hilbridge.wire.dbc_file import DbcError, shown_id
 
 Value = int | float | str
 
@@ -38,10 +39,6 @@ REQUIRED: dict[str, tuple[str, ...]] = {
     "BRIDGE_DIAG": ("Index",),
     "CTRL_DIAG": ("Index",),
 }
-
-
-class DbcError(InputError):
-    """The DBC cannot be used; the message is one line naming the file, the message and the cure."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -116,6 +113,8 @@ class Message:
     multiplexer: Signal | None
     groups: Mapping[int, tuple[Signal, ...]]
     contents: Mapping[int | None, Content]
+    is_extended: bool = False
+    is_fd: bool = False
 
 
 def default_dbc_path() -> Path:
@@ -123,14 +122,22 @@ def default_dbc_path() -> Path:
     return Path(__file__).with_name("iassistadl.dbc")
 
 
-def _signal(signal: Any) -> Signal:
+def _limits(signal: Any) -> tuple[int, int]:
+    """Least and greatest raw value; a limit that is no finite number, as some tools write, limits nothing."""
     low = -(1 << (signal.length - 1)) if signal.is_signed else 0
     high = (1 << (signal.length - (1 if signal.is_signed else 0))) - 1
+    ends = []
+    for limit in (signal.minimum, signal.maximum):
+        raw = None if limit is None or not signal.scale else (limit - signal.offset) / signal.scale
+        ends.append(round(raw) if raw is not None and math.isfinite(raw) else None)
+    if signal.scale < 0:
+        ends.reverse()
+    return (low if ends[0] is None else max(low, ends[0])), (high if ends[1] is None else min(high, ends[1]))
+
+
+def _signal(signal: Any) -> Signal:
     scale, offset = signal.scale, signal.offset
-    if signal.minimum is not None:
-        low = max(low, round((signal.minimum - offset) / scale))
-    if signal.maximum is not None:
-        high = min(high, round((signal.maximum - offset) / scale))
+    low, high = _limits(signal)
     attributes = signal.dbc.attributes if signal.dbc else {}
     enumerated = "Enumerated" in attributes and attributes["Enumerated"].value == 1
     choices = {int(code): str(name) for code, name in (signal.choices or {}).items()}
@@ -173,10 +180,31 @@ def _content(signals: tuple[Signal, ...], length: int, header_bits: int) -> Cont
     return Content(((1 << 8 * length) - 1) & ~used, tuple(readings))
 
 
+def required_message(message: Any, path: Path) -> Message:
+    """The tables of a message that the bridge sends or reads. Raises DbcError: it must be one that the bus can carry."""
+    shown = shown_id(message.frame_id, is_extended=message.is_extended_frame)
+    if message.is_extended_frame:
+        raise DbcError(
+            f"{path}: message {message.name} has the extended identifier {shown}; the protocol has 11-bit ones, give it one"
+        )
+    if message.is_fd:
+        raise DbcError(
+            f"{path}: message {message.name} ({shown}) is CAN FD (VFrameFormat); the protocol is classical, take it back"
+        )
+    try:
+        message.refresh(strict=True)
+    except Exception as error:  # cantools' own kind; overlapping signals, or signals beyond the message's end
+        raise DbcError(f"{path}: {' '.join(str(error).split()).rstrip('.')}; restore the message as shipped") from None
+    return read_message(message, path)
+
+
 def read_message(message: Any, path: Path) -> Message:
-    attributes = {name: entry.value for name, entry in message.dbc.attributes.items()}
+    """A message's tables. Raises DbcError for a layout that this codec does not speak."""
+    attributes = {name: entry.value for name, entry in (message.dbc.attributes or {}).items()}
     if any(signal.byte_order != "little_endian" for signal in message.signals):
         raise DbcError(f"{path}: message {message.name} has big-endian signals; make them little endian (@1)")
+    if any(signal.conversion.is_float for signal in message.signals):
+        raise DbcError(f"{path}: message {message.name} has floating-point signals; make them integers with a scale")
     header = [(s.start, s.length) for s in message.signals if s.name in ("CRC", "Counter")]
     protected = "E2EDataId" in attributes
     if protected and (message.length != 8 or sorted(header) != [(0, 16), (16, 8)]):
@@ -211,4 +239,6 @@ def read_message(message: Any, path: Path) -> Message:
         made[multiplexers[0].name] if multiplexers else None,
         groups,
         contents,
+        bool(message.is_extended_frame),
+        bool(message.is_fd),
     )

@@ -38,10 +38,11 @@ class WireLink:
         data = self.codec.encode(message, signals)
         layout = self.codec.messages[message]
         if layout.data_id is None:
-            return Frame(layout.can_id, data)
+            return Frame(layout.can_id, data, is_fd=layout.is_fd, is_extended=layout.is_extended)
         counter = (self._sent.get(message, 0) + 1) & 0xFF
         self._sent[message] = counter
-        return Frame(layout.can_id, protect(data, layout.data_id, counter))
+        protected = protect(data, layout.data_id, counter)
+        return Frame(layout.can_id, protected, is_fd=layout.is_fd, is_extended=layout.is_extended)
 
     def decode(self, frame: Frame) -> Decoded | Rejected:
         """Length, CRC, sequence, state machine, then content. Never raises; every outcome is counted."""

@@ -28,7 +28,7 @@ from scenarios.format.schema import (
 def load_scenario(path: Path) -> Scenario:
     """Read a YAML scenario. Raises InputError: one line with file, line, what is wrong and the nearest valid name."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read ({error})") from None
     try:
@@ -154,7 +154,7 @@ def _line(node: Any, location: tuple[int | str, ...]) -> int:
 def line_of(path: Path, location: tuple[int | str, ...]) -> int:
     """The line of a scenario file that has that part of it; 1 for a file that has changed under us."""
     try:
-        root = yaml.compose(path.read_text(encoding="utf-8"), Loader=yaml.SafeLoader)
+        root = yaml.compose(path.read_text(encoding="utf-8-sig"), Loader=yaml.SafeLoader)
     except (OSError, UnicodeDecodeError, yaml.YAMLError):
         return 1
     return _line(root, location)

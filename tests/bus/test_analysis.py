@@ -8,17 +8,8 @@ from pathlib import Path
 
 import pytest
 
-from hilbridge.bus.analysis import (
-    Stream,
-    analyse,
-    as_text,
-    exact_frame_bits,
-    load,
-    responses,
-    streams_of_dbc,
-    with_exact_bits,
-    worst_frame_bits,
-)
+from hilbridge.bus.analysis import analyse, as_text, exact_frame_bits, load, responses, with_exact_bits
+from hilbridge.bus.message_set import Stream, streams_of_dbc, worst_frame_bits
 from hilbridge.bus.model.bits import INTERMISSION_BITS
 from hilbridge.bus.model.events import Delivered
 from hilbridge.bus.model.frames import WireFrame

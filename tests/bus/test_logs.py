@@ -77,3 +77,37 @@ def test_nothing_half_written_stays_where_writing_fails(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
     with pytest.raises(InputError, match="choose a folder"):
         write_log(tmp_path / "none" / "trace.log", FRAMES)
+
+
+def test_all_that_a_candump_line_says_comes_back_and_goes_out_again(tmp_path: Path) -> None:
+    text = (
+        "(1700000000.000000) can0 20000004#000800000000605F R\n"
+        "(1700000000.000000) can1 124#R8 T\n"
+        "(1700000000.100000) can1 125##2AABB T\n"
+        "(1700000000.200000) vcan0 18DAF110##1 R\n"
+    )
+    path = tmp_path / "in.log"
+    path.write_text(text)
+    error, remote, fd, _ = read_log(path)
+    assert (error.can_id, error.is_error, error.data.hex()) == (0x4, True, "000800000000605f")
+    assert (remote.is_remote, remote.data, fd.is_fd, fd.data) == (True, b"", True, b"\xaa\xbb")
+    convert(path, tmp_path / "out.log")
+    assert (tmp_path / "out.log").read_text() == text
+
+
+def asc(path: Path, how: str, *lines: str) -> Path:
+    head = ["date Mon Mar 6 10:00:00.000 am 2023", f"base hex  timestamps {how}", "Begin TriggerBlock"]
+    path.write_text("\n".join([*head, *(f"   {line}" for line in lines)]) + "\n")
+    return path
+
+
+def test_relative_stamps_add_up(tmp_path: Path) -> None:
+    path = asc(tmp_path / "x.asc", "relative", "0.010000 1  60 Rx   d 1 01", "0.010000 1  60 Rx   d 1 02")
+    assert stamps_us(list(read_log(path))) == [0, 10_000]
+
+
+def test_a_file_of_which_no_line_is_understood_is_refused(tmp_path: Path) -> None:
+    path = asc(tmp_path / "x.asc", "absolute", "0,010000 1  60 Rx   d 1 01")
+    with pytest.raises(InputError, match="no line of it is understood"):
+        list(read_log(path))
+    assert list(read_log(asc(path, "absolute"))) == []  # nothing was sent: an empty log is one

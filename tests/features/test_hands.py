@@ -91,3 +91,16 @@ def test_of_a_thousand_hands_at_once_the_eight_likeliest_are_looked_at(monkeypat
     assert states is not None
     assert [round(state.x, 2) for state in states if state is not None] == [0.2, 0.8]
     assert set(widths) == {hands.MAX_CANDIDATES}
+
+
+def test_one_hand_found_twice_takes_one_slot():
+    tracker = HandTracker()
+    for step in range(3):
+        found = (Hand(0.48, 0.5, 0.7), Hand(0.51, 0.51, 0.9), Hand(0.51, 0.51, 0.9), Hand(0.2, 0.5, 0.8))
+        states = tracker.update(HandTracks(40 * step * MS, found), 40 * step * MS)
+        assert states is not None
+        assert sorted(round(hand.x, 1) for hand in states if hand is not None) == [0.2, 0.5]
+    tracker.reset()
+    states = tracker.update(HandTracks(0, (Hand(0.51, 0.5, 0.9), Hand(0.51, 0.5, 0.9))), 0)
+    assert states is not None
+    assert sum(hand is not None for hand in states) == 1

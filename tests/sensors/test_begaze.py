@@ -62,3 +62,48 @@ def test_what_is_no_export_is_refused_with_the_file_and_a_cure(tmp_path, lines, 
 def test_an_absent_export_is_refused(tmp_path):
     with pytest.raises(BegazeError, match="cannot be read"):
         read_begaze(tmp_path / "absent.txt")
+
+
+def rows(fps: float, seconds: int = 4, unit_us: float = 1.0) -> list[str]:
+    return [
+        f"{n / 30 * 1e6 / unit_us:.3f}\tSMP\t1\t640\t480\t{int(n / 30 * fps + 1e-9)}\t\t-" for n in range(30 * seconds)
+    ]
+
+
+@pytest.mark.parametrize("fps", [24, 25, 30])
+def test_the_frame_rate_is_that_of_the_frames(fps):
+    recording = parse_begaze([*HEADER, OLD, *rows(fps)])
+    assert recording.frames_per_s == fps
+    late_s = recording.played_ns() / 1e9 - recording.video_s()
+    assert (late_s >= -1e-8).all()  # whole nanoseconds
+    assert (late_s < 1 / fps).all()
+    assert (np.diff(recording.played_ns()) > 0).all()
+
+
+def test_the_frame_rate_of_the_header_wins_and_25_frames_a_second_are_read_from_the_time_code():
+    assert parse_begaze([*HEADER, "## Video Frame Rate:\t25", OLD, *rows(24)]).frames_per_s == 25
+    codes = [f"{n * 40_000}\tSMP\t1\t640\t480\t00:00:0{n // 25}:{n % 25:02}\t\t-" for n in range(50)]
+    recording = parse_begaze([*HEADER, OLD, *codes])
+    assert recording.frames_per_s == 25
+    assert recording.frame.tolist() == list(range(50))
+
+
+def test_right_eye_only_no_frames_decimal_commas_and_milliseconds():
+    names = "RecordingTime [ms]\tR POR X [px]\tR POR Y [px]"
+    recording = parse_begaze(
+        [*HEADER[:3], "## Calibration Area:\t1280,0\t960,0", names, "10,5\t640,0\t480,0", "43,8\t1\t1"]
+    )
+    assert recording.time_us.tolist() == [10_500, 43_800]
+    assert (recording.x[0], recording.y[0]) == (0.5, 0.5)
+    assert recording.origin_ns() is None
+    assert recording.played_ns().tolist() == [10_500_000, 43_800_000]
+
+
+def test_a_byte_order_mark_is_read_over(tmp_path):
+    path = tmp_path / "x.txt"
+    path.write_text("\ufeff" + "\n".join([*HEADER, OLD, *rows(24)]) + "\n", encoding="utf-8")
+    assert read_begaze(path).area_px == (1280, 960)
+
+
+def test_a_time_column_in_milliseconds_is_told_by_the_sample_rate():
+    assert parse_begaze([*HEADER, OLD, *rows(24, unit_us=1000.0)]).time_us[30] == 1_000_000

@@ -120,6 +120,67 @@ def test_playing_keeps_every_sample_and_ends(neon: Path) -> None:
     assert stamps == sorted(set(stamps))
 
 
+def test_neon_gaze_is_played_by_the_scene_videos_clock(neon: Path) -> None:
+    first = int(np.frombuffer((neon / "gaze ps1.time").read_bytes(), "<i8")[0])
+    (neon / "Neon Scene Camera v1 ps1.time").write_bytes(np.array([first - 780_000_000], "<i8").tobytes())
+    assert open_gaze(neon).time_ns[0] == 780_000_000
+    (neon / "Neon Scene Camera v1 ps1.time").write_bytes(np.array([first + 20_000_000], "<i8").tobytes())
+    recording = open_gaze(neon)
+    assert recording.time_ns[0] == -20_000_000
+    player = GazePlayer(recording)
+    player._read_all()
+    assert player.cell.counts().received == 6  # what was seen before the video began is not played
+    (neon / "Neon Scene Camera v1 ps1.time").write_bytes(np.array([first + 10**12], "<i8").tobytes())
+    with pytest.raises(InputError, match="before the scene video"):
+        open_gaze(neon)
+
+
+def test_neon_parts_are_in_the_order_of_their_numbers(neon: Path) -> None:
+    first = np.frombuffer((neon / "gaze ps1.time").read_bytes(), "<i8")
+    for number in (2, 10):
+        (neon / f"gaze ps{number}.time").write_bytes((first + number * 10**9).tobytes())
+        for kind in ("gaze", "worn"):
+            shutil.copy(neon / f"{kind} ps1.raw", neon / f"{kind} ps{number}.raw")
+    recording = open_gaze(neon)
+    assert len(recording.time_ns) == 30
+    assert recording.bad_rows == 0
+
+
+def test_a_sample_without_a_worn_flag_is_invalid(neon: Path) -> None:
+    (neon / "blinks ps1.raw").unlink()
+    (neon / "worn ps1.raw").write_bytes(b"\xff" * 6)
+    assert open_gaze(neon).valid.tolist() == [True] * 6 + [False] * 4
+    for kind in ("raw", "time"):
+        shutil.copy(neon / f"gaze ps1.{kind}", neon / f"gaze ps2.{kind}")
+    stamps = np.frombuffer((neon / "gaze ps1.time").read_bytes(), "<i8")
+    (neon / "gaze ps2.time").write_bytes((stamps + 10**9).tobytes())
+    assert open_gaze(neon).valid.sum() == 6  # the second part has no flags at all
+
+
+def test_the_200_hz_gaze_is_taken_where_it_has_more(neon: Path) -> None:
+    stamps = np.frombuffer((neon / "gaze ps1.time").read_bytes(), "<i8")
+    more = np.sort(np.concatenate([stamps, stamps + 2_500_000]))
+    (neon / "gaze_200hz.time").write_bytes(more.tobytes())
+    (neon / "gaze_200hz.raw").write_bytes(np.full((20, 2), 600, "<f4").tobytes())
+    recording = open_gaze(neon)
+    assert len(recording.time_ns) == 20
+    assert recording.valid.tolist()[-2:] == [False, False]  # the flag of the sample before stands for what is between
+    (neon / "worn_200hz.raw").write_bytes(b"\xff" * 20)
+    assert open_gaze(neon).valid.tolist()[-2:] == [True, True]
+
+
+def test_csv_of_the_neon_cloud(tmp_path: Path) -> None:
+    lines = ["recording id,timestamp [ns],gaze x [px],gaze y [px],worn,blink id"]
+    lines += [f"r,{10**18 + n * 5_000_000},800,{n * 300},{int(n != 1)},{'7' if n == 2 else ''}" for n in range(4)]
+    (tmp_path / "gaze.csv").write_text("\ufeff" + "\n".join(lines) + "\n", encoding="utf-8")
+    (tmp_path / "world_timestamps.csv").write_text(f"recording id,timestamp [ns]\nr,{10**18 - 40_000_000}\n")
+    for place in (tmp_path, tmp_path / "gaze.csv"):
+        recording = open_gaze(place)
+        assert recording.time_ns.tolist() == [40_000_000, 45_000_000, 50_000_000, 55_000_000]
+        assert recording.valid.tolist() == [True, False, False, True]
+        assert (recording.x[0], recording.y[3]) == (0.5, 0.75)
+
+
 @pytest.mark.data
 def test_real_neon_recording(data: Path) -> None:
     recording = open_gaze(data / "neon" / "demo_recording")

@@ -8,7 +8,8 @@ import pytest
 from firmware_sim.frames import FIELDS, RESERVED_MASK
 from hilbridge.records import Frame
 from hilbridge.wire.codec import Codec, Decoded
-from hilbridge.wire.dbc import REQUIRED, DbcError, Signal, default_dbc_path
+from hilbridge.wire.dbc import REQUIRED, Signal, default_dbc_path
+from hilbridge.wire.dbc_file import DbcError
 from tests.safety.wire.conformance import fields_of
 from tests.wire.shared import CODEC
 
@@ -77,7 +78,7 @@ def test_a_dbc_lacking_a_message_is_one_line_naming_it(name: str, tmp_path: Path
         (" SG_ Freshness : 24|8@1+", " SG_ Freshness : 31|8@0+", "message ACT_AUTH has big-endian signals"),
         ("BO_ 96 ACT_CMD: 8", "BO_ 96 ACT_CMD: 9", "cannot carry E2E profile 5"),
         (' SG_ Counter : 16|8@1+ (1,0) [0|255] "" CONTROLLER\n SG_ Gate', " SG_ Gate", "cannot carry E2E profile 5"),
-        ("NS_ :", "NS_ ((", "not a DBC file"),
+        ("NS_ :", "NS_ ((", "invalid syntax at line 3"),
     ],
     ids=["signal", "attribute", "big-endian", "length", "header", "syntax"],  # by hand: a `|` in a name ends it
 )
@@ -196,3 +197,73 @@ def test_without_a_range_the_bits_are_the_range_and_offsets_count(tmp_path: Path
     assert (angle.offset, angle.lowest, angle.highest) == (-30.5, 122, 1023)
     # A message without E2E has no header: its first bit is one like any other, and unused here.
     assert messages["SITE"].contents[None].reserved_bits == 1
+
+
+def site_dbc(path: Path, messages: str, rest: str = "") -> Path:
+    """The shipped DBC with messages of the site in front of ours, and lines at its end."""
+    text = default_dbc_path().read_text()
+    path.write_text(text.replace("BO_ 1 STOP", f"{messages}\n\nBO_ 1 STOP", 1) + rest + "\n")
+    return path
+
+
+@pytest.mark.parametrize("base", [0x001, 0x0A0])
+def test_an_extended_message_of_our_number_changes_nothing(base: int, tmp_path: Path) -> None:
+    theirs = f'BO_ {base | 1 << 31} SITE: 8 CONTROLLER\n SG_ T : 0|8@1+ (1,0) [0|255] "" BRIDGE'
+    codec = Codec(site_dbc(tmp_path / "site.dbc", theirs))
+    assert len(codec.messages) == len(CODEC.messages) + 1
+    assert {number: codec.by_id[number].name for number in CODEC.by_id} == {
+        number: message.name for number, message in CODEC.by_id.items()
+    }
+    assert isinstance(codec.decode(Frame(0x001, b"")), Decoded)
+
+
+@pytest.mark.parametrize(
+    ("message", "rest"),
+    [
+        ('BO_ 1792 OTHER: 8 CONTROLLER\n SG_ S : 7|16@0+ (1,0) [0|65535] "" BRIDGE', ""),
+        (
+            'BO_ 1792 OTHER: 8 CONTROLLER\n SG_ A M : 0|8@1+ (1,0) [0|9] "" BRIDGE\n'
+            ' SG_ B m0M : 8|8@1+ (1,0) [0|9] "" BRIDGE\n SG_ C m1 : 16|8@1+ (1,0) [0|9] "" BRIDGE',
+            "SG_MUL_VAL_ 1792 B A 0-0;\nSG_MUL_VAL_ 1792 C B 1-1;",
+        ),
+        (
+            'BO_ 1792 OTHER: 8 CONTROLLER\n SG_ A : 0|16@1+ (1,0) [0|9] "" BRIDGE\n'
+            ' SG_ B : 8|8@1+ (1,0) [0|9] "" BRIDGE',
+            "",
+        ),
+        ('BO_ 1792 OTHER: 8 CONTROLLER\n SG_ F : 0|32@1- (0.01,0) [-1.7E+308|1.7E+308] "" BRIDGE', ""),
+        ('BO_ 1792 OTHER: 8 CONTROLLER\n SG_ F : 0|32@1- (1,0) [0|0] "" BRIDGE', "SIG_VALTYPE_ 1792 F : 1;"),
+        ('BO_ 1792 OTHER: 8 CONTROLLER\n SG_ F : 60|16@1+ (0,0) [0|1] "" BRIDGE', ""),
+        ('BO_ 2566834709 LONG: 20 CONTROLLER\n SG_ S : 0|8@1+ (1,0) [0|255] "" BRIDGE', ""),
+    ],
+)
+def test_what_others_send_does_not_matter(message: str, rest: str, tmp_path: Path) -> None:
+    codec = Codec(site_dbc(tmp_path / "site.dbc", message, rest))
+    assert set(CODEC.messages) <= set(codec.messages)
+    assert codec.encode("ACT_CMD", {"Gate": "Hold"}) == CODEC.encode("ACT_CMD", {"Gate": "Hold"})
+
+
+def test_a_message_of_ours_that_is_extended_or_fd_is_refused_by_name(tmp_path: Path) -> None:
+    text = default_dbc_path().read_text()
+    path = tmp_path / "site.dbc"
+    path.write_text(re.sub(r"\b(BO_|SG_|VAL_) 96\b", lambda found: f"{found[1]} {0x18FF6001 | 1 << 31}", text))
+    with pytest.raises(DbcError, match="ACT_CMD has the extended identifier 0x18ff6001"):
+        Codec(path)
+    formats = '"StandardCAN","ExtendedCAN","StandardCAN_FD"'
+    fd = f'BA_DEF_ BO_ "VFrameFormat" ENUM {formats};\nBA_DEF_DEF_ "VFrameFormat" "StandardCAN";\n'
+    path.write_text(text + fd + 'BA_ "VFrameFormat" BO_ 96 2;\n')
+    with pytest.raises(DbcError, match=r"ACT_CMD \(0x060\) is CAN FD"):
+        Codec(path)
+
+
+def test_two_messages_of_one_identifier_are_named(tmp_path: Path) -> None:
+    theirs = 'BO_ 96 THEIRS: 8 CONTROLLER\n SG_ T : 0|8@1+ (1,0) [0|255] "" BRIDGE'
+    with pytest.raises(DbcError, match="THEIRS and ACT_CMD have one identifier 0x060"):
+        Codec(site_dbc(tmp_path / "site.dbc", theirs))
+
+
+def test_overlapping_signals_of_ours_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "site.dbc"
+    path.write_text(default_dbc_path().read_text().replace(" SG_ Freshness : 24|8@1+", " SG_ Freshness : 28|8@1+"))
+    with pytest.raises(DbcError, match="overlapping in message ACT_AUTH"):
+        Codec(path)

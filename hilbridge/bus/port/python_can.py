@@ -42,10 +42,10 @@ class PythonCanBackend:
     def _start(self) -> None:
         try:
             self._bus = can.Bus(interface=self._spec.interface, channel=self._spec.channel, **self._options)
-        except Exception as error:  # an absent driver raises whatever its binding stumbles over, NameError among it
-            kind = "" if isinstance(error, can.CanError | OSError) else f"{type(error).__name__}: "
+        except Exception as error:  # an absent driver shows as NameError, TypeError and kinds of its own
+            said = (str(error).splitlines() or [type(error).__name__])[0]
             raise BusUnavailable(
-                f"bus {self._spec}: {kind}{error}; python-can's page on {self._spec.interface!r} says what it needs"
+                f"bus {self._spec}: {said}; python-can's page on {self._spec.interface!r} says what it needs"
             ) from error
         self._closing = threading.Event()
         self._outgoing: queue.Queue[tuple[float, Frame]] = queue.Queue(_TX_QUEUE_LIMIT)

@@ -50,7 +50,7 @@ def load_actions(root: Path) -> tuple[Action, ...]:
             f"{path}: no such file; give the folder of the EGTEA Gaze+ package (it has action_annotation/)"
         )
     actions = []
-    for number, line in enumerate(path.read_text(encoding="utf-8", errors="replace").splitlines(), start=1):
+    for number, line in enumerate(path.read_text(encoding="utf-8-sig", errors="replace").splitlines(), start=1):
         if not line.strip() or line.startswith("#"):
             continue
         cells = [cell.strip() for cell in line.split(";")]
@@ -79,7 +79,9 @@ def split_counts(root: Path) -> dict[str, int]:
     """Clips named by each official split file that is there, e.g. {"train_split1": 8299, ...}."""
     files = sorted((root / SPLITS).glob("*_split[1-3].txt"))
     return {
-        path.stem: sum(1 for line in path.read_text(encoding="utf-8", errors="replace").splitlines() if line.strip())
+        path.stem: sum(
+            1 for line in path.read_text(encoding="utf-8-sig", errors="replace").splitlines() if line.strip()
+        )
         for path in files
     }
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Callable
 from pathlib import Path
 
-from hilbridge.features.packs import write_pack
+from hilbridge.features.packs import file_hash, write_pack
 from hilbridge.learning.data.egtea import DatasetError
-from hilbridge.learning.data.sessions import PACKS, load_features, recorded_sessions, video_path
+from hilbridge.learning.data.sessions import PACKS, gaze_path, load_features, recorded_sessions, video_path
 from hilbridge.sensors.hands import HandDetector
 from hilbridge.sensors.models import hand_model_path
 
@@ -45,7 +45,10 @@ def make_packs(
         finally:
             if detector is not None:
                 detector.close()
-        write_pack(pack, values, valid)
+        sources = [
+            path for path in (gaze_path(root, name), video_path(root, name)) if path is not None and path.is_file()
+        ]
+        write_pack(pack, values, valid, {path.name: file_hash(path) for path in sources})
         made.append(pack)
         say(
             f"{pack.name}: {len(values)} steps, valid gaze, hands, scene {', '.join(f'{s:.0%}' for s in valid.mean(axis=0))}"

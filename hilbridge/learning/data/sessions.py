@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import RATE_HZ, STEP_NS, D
-from hilbridge.features.packs import read_pack
+from hilbridge.features.packs import file_hash, pack_made_from, read_pack
 from hilbridge.intent.predictor import MIN_USABLE_SHARE
 from hilbridge.learning.data.egtea import GAZE, Action, DatasetError
 from hilbridge.learning.data.stream import Stream
@@ -81,13 +81,20 @@ def load_features(
     Raises DatasetError for a session of which nothing is there, or a file that is not what it should be.
     """
     pack = root / PACKS / f"{session}.npz"
-    if pack.is_file():
-        return read_pack(pack)
     gaze, video = gaze_path(root, session), video_path(root, session)
+    if pack.is_file():
+        values, valid = read_pack(pack)
+        # The gaze file is checked at every reading; a video takes too long for that.
+        digest = pack_made_from(pack).get(gaze.name)
+        if digest is not None and gaze.is_file() and file_hash(gaze) != digest:
+            raise DatasetError(
+                f"{pack}: made from another {gaze.name} than is there now; delete it and run `data pack`"
+            )
+        return values, valid
     recording = read_begaze(gaze) if gaze.is_file() else None
     if recording is None and video is None:
         raise DatasetError(f"{session}: no pack, gaze or video under {root}; give the session's files or leave it out")
-    steps = 0 if recording is None else int(recording.frame[-1] * RATE_HZ // BEGAZE_FPS) + 1
+    steps = 0 if recording is None else int(recording.video_s()[-1] * RATE_HZ + 1e-9) + 1
     return session_features(steps if video is None else max(steps, _video_steps(video)), recording, video, detector)
 
 
@@ -96,7 +103,14 @@ def _video_steps(video: Path) -> int:
     try:
         if not capture.isOpened():
             raise DatasetError(f"{video}: cannot be opened as a video; check the file or leave the videos out")
-        return int(capture.get(cv2.CAP_PROP_FRAME_COUNT) * RATE_HZ // _frames_per_second(capture))
+        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        if count <= 0:  # WebM and Matroska may not say: then the pictures are counted
+            count = 0
+            while capture.grab():
+                count += 1
+        if count == 0:
+            raise DatasetError(f"{video}: holds no picture that can be decoded; check the file or leave the videos out")
+        return int(count * RATE_HZ // _frames_per_second(capture))
     finally:
         capture.release()
 
@@ -108,16 +122,17 @@ def _frames_per_second(capture: cv2.VideoCapture) -> float:
 
 
 def gaze_steps(recording: BegazeRecording, steps: int) -> list[GazeSample]:
-    """The newest sample at or before each 25 Hz step of the video's own time (frame / 24)."""
+    """The newest sample at or before each 25 Hz step of the video's own time (frame / frame rate)."""
     # Samples share frames (30 Hz against 24): within one frame the later sample is the newer.
-    index = np.searchsorted(recording.frame / BEGAZE_FPS, np.arange(steps) / RATE_HZ + 1e-9, side="right") - 1
+    index = np.searchsorted(recording.video_s(), np.arange(steps) / RATE_HZ + 1e-9, side="right") - 1
     made = []
+    seen_s = recording.video_s()
     for step, position in enumerate(index):
         if position < 0:
             made.append(GazeSample(step * STEP_NS, 0.0, 0.0, False))
             continue
         # The stamp tells samples apart and is never later than the step; the video's frame is the finest true time.
-        stamp = min(step * STEP_NS, round(recording.frame[position] / BEGAZE_FPS * 1e9) + int(position) % 2)
+        stamp = min(step * STEP_NS, round(seen_s[position] * 1e9) + int(position) % 2)
         made.append(
             GazeSample(
                 stamp,

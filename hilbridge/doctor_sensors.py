@@ -1,0 +1,127 @@
+"""Whether a camera and a gaze recording are fit to run with: what they give, against the thresholds here."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from hilbridge.errors import InputError
+from hilbridge.sensors.source import SourceState
+
+if TYPE_CHECKING:
+    from hilbridge.sensors.gaze import GazeRecording
+
+# docs/configuration.md has these with their reasons.
+LEAST_CAMERA_FPS = 10.0  # below, the newest picture is older than the sensing limit leaves room for
+LEAST_GAZE_HZ = 20.0  # below the 25 Hz step less jitter, gaze is stale by itself
+MOST_GAZE_HZ = 2_000.0  # no head-worn eye tracker is faster: stamps in another unit
+LEAST_VALID = 0.5
+NOTED_VALID = 0.8
+MOST_BAD_ROWS = 0.05
+LONGEST_S = 24 * 3600.0
+_LISTEN_S = 1.5
+
+
+class Verdict(StrEnum):
+    """WELL, or NOTE (works, but worth knowing), or ILL (what it is needed for will not work)."""
+
+    WELL = "well"
+    NOTE = "note"
+    ILL = "ill"
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """One thing looked at. `cure` is the command or act that mends it; empty where nothing is to mend."""
+
+    subject: str
+    verdict: Verdict
+    text: str
+    cure: str = ""
+
+
+def tried(subject: str, look: Callable[[], str | Finding]) -> Finding:
+    """What `look` finds; an InputError is ILL, its part after the semicolon the cure."""
+    try:
+        found = look()
+    except InputError as error:
+        text, _, cure = str(error).partition("; ")
+        return Finding(subject, Verdict.ILL, text, cure)
+    return found if isinstance(found, Finding) else Finding(subject, Verdict.WELL, found)
+
+
+def check_camera(spec: str | None) -> Finding:
+    """Opens the camera and looks for a second and a half how many pictures come."""
+    from hilbridge.sensors.camera import CameraSource
+
+    if spec is None:
+        return Finding("camera", Verdict.NOTE, "none given", "hilbridge doctor --camera 0")
+
+    def look() -> Finding:
+        source = CameraSource(spec)
+        source.start()
+        begin_s = time.monotonic()
+        while time.monotonic() - begin_s < _LISTEN_S and source.state in (SourceState.STARTING, SourceState.RUNNING):
+            source.cell.wait(0.1)
+        seconds = time.monotonic() - begin_s
+        source.stop()
+        size = f"{spec}: {source.width} x {source.height}"
+        return judge_camera(size, source.fps, source.cell.counts().received, seconds, ended=seconds < _LISTEN_S)
+
+    return tried("camera", look)
+
+
+def judge_camera(size: str, said_fps: float, pictures: int, seconds: float, *, ended: bool) -> Finding:
+    """What a camera is worth that says a rate and gave so many pictures; `ended`: a file shorter than the look."""
+    text = f"{size} at {said_fps:.3g} fps"
+    seen_fps = max(pictures - 1, 0) / seconds if seconds > 0 else 0.0
+    if said_fps < LEAST_CAMERA_FPS:
+        return Finding("camera", Verdict.ILL, f"{text}; {LEAST_CAMERA_FPS:g} are needed", "set a higher frame rate")
+    if not ended and seen_fps < LEAST_CAMERA_FPS:
+        seen = f"{text}, but {pictures} pictures came in {seconds:.1f} s; {LEAST_CAMERA_FPS:g} a second are needed"
+        return Finding("camera", Verdict.ILL, seen, "more light, a better cable or a smaller picture")
+    return Finding("camera", Verdict.WELL, text)
+
+
+def check_gaze(spec: str | None) -> Finding:
+    """Reads the gaze recording and judges it."""
+    from hilbridge.sensors.gaze import open_gaze
+
+    if spec is None:
+        return Finding("gaze", Verdict.NOTE, "none given", "hilbridge doctor --gaze FOLDER")
+    return tried("gaze", lambda: judge_gaze(spec, open_gaze(Path(spec))))
+
+
+def judge_gaze(spec: str, recording: GazeRecording) -> Finding:
+    """What a gaze recording is worth: its rate, its valid share, its bad rows."""
+    count = len(recording.time_ns)
+    seconds = float(recording.time_ns[-1] - recording.time_ns[0]) / 1e9
+    valid, bad = float(recording.valid.mean()), recording.bad_rows / (recording.bad_rows + count)
+    rate_hz = (count - 1) / seconds if seconds > 0 else float("inf")
+    text = (
+        f"{spec}: {recording.format}, {count} samples in {seconds:.3g} s ({rate_hz:.4g} a second), "
+        f"{valid:.0%} valid, {recording.bad_rows} bad rows"
+    )
+    if bad > MOST_BAD_ROWS:
+        cure = "export the recording again; look at the rows that cannot be read or go back in time"
+        return Finding("gaze", Verdict.ILL, f"{text} ({bad:.0%}; {MOST_BAD_ROWS:.0%} at most)", cure)
+    if rate_hz < LEAST_GAZE_HZ or seconds > LONGEST_S:
+        cure = (
+            "are the stamps in another unit (milliseconds, nanoseconds)? time_s is in seconds; else export all samples"
+        )
+        return Finding("gaze", Verdict.ILL, f"{text}; {LEAST_GAZE_HZ:g} a second are needed", cure)
+    if rate_hz > MOST_GAZE_HZ:
+        cure = "are the stamps in another unit? time_s is in seconds"
+        return Finding("gaze", Verdict.ILL, f"{text}; no eye tracker gives more than {MOST_GAZE_HZ:g} a second", cure)
+    if valid < LEAST_VALID:
+        cure = "calibrate the eye tracker, check its fit, record again"
+        return Finding("gaze", Verdict.ILL, f"{text}; {LEAST_VALID:.0%} must be valid", cure)
+    if valid < NOTED_VALID:
+        return Finding(
+            "gaze", Verdict.NOTE, text, "gaze is often lost: the bridge holds meanwhile; check fit and light"
+        )
+    return Finding("gaze", Verdict.WELL, text)

@@ -1,0 +1,63 @@
+"""doctor says "well" only of what works, and names figure and cure of what does not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from hilbridge.doctor_sensors import Verdict, check_camera, check_gaze, judge_camera
+
+
+def gaze_csv(path: Path, unit: float = 1.0, rows: int = 400, valid_every: int = 1, junk_every: int = 0) -> Path:
+    lines = ["\ufefftime_s,x,y,valid"]
+    for n in range(rows):
+        lines.append(f"{n / 200 * unit},0.5,0.5,{int(n % valid_every == 0)}")
+        lines += ["junk,1,1,1"] * (junk_every if n % 5 == 0 else 0)
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("given", "says"),
+    [
+        ({"unit": 1e3}, "another unit"),  # milliseconds as seconds
+        ({"unit": 1e9}, "another unit"),  # nanoseconds as seconds
+        ({"unit": 1e-3}, "another unit"),
+        ({"junk_every": 20}, "bad rows (80%"),
+        ({"valid_every": 14}, "7% valid"),
+        ({"rows": 1}, "1 sample"),
+    ],
+)
+def test_gaze_that_would_not_work_is_ill(given: dict[str, float], says: str, tmp_path: Path) -> None:
+    found = check_gaze(str(gaze_csv(tmp_path / "gaze.csv", **given)))  # type: ignore[arg-type]
+    assert found.verdict is Verdict.ILL
+    assert says in f"{found.text} {found.cure}"
+    assert found.cure
+
+
+def test_sound_gaze_is_well_and_often_lost_gaze_a_note(tmp_path: Path) -> None:
+    assert check_gaze(str(gaze_csv(tmp_path / "a.csv"))).verdict is Verdict.WELL
+    path = tmp_path / "b.csv"
+    path.write_text("time_s,x,y,valid\n" + "".join(f"{n / 200},0.5,0.5,{int(n % 10 < 7)}\n" for n in range(200)))
+    assert check_gaze(str(path)).verdict is Verdict.NOTE
+    path.write_text("time_s,x,y\n" + "".join(f"{-n / 200},0.5,0.5\n" for n in range(200)))
+    assert check_gaze(str(path)).verdict is Verdict.ILL  # all but one go back in time
+    path.write_text("")
+    assert check_gaze(str(path)).verdict is Verdict.ILL
+
+
+def test_a_camera_is_judged_by_what_it_says_and_what_comes(tmp_path: Path) -> None:
+    assert judge_camera("c", 30.0, 44, 1.5, ended=False).verdict is Verdict.WELL
+    assert judge_camera("c", 30.0, 5, 1.5, ended=False).verdict is Verdict.ILL
+    assert judge_camera("c", 30.0, 5, 0.2, ended=True).verdict is Verdict.WELL
+    path = tmp_path / "slow.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 1.0, (64, 48))
+    for _ in range(3):
+        writer.write(np.zeros((48, 64, 3), np.uint8))
+    writer.release()
+    found = check_camera(str(path))
+    assert found.verdict is Verdict.ILL
+    assert "1 fps" in found.text
