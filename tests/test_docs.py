@@ -10,7 +10,7 @@ from hilbridge.config import Config, load_config
 from scenarios.format.files import load_scenario
 from scenarios.format.schema import FIGURES
 from scenarios.lockstep.run import run_scenario
-from tests import protocol_page
+from tests.tools import protocol_page
 
 ROOT = Path(__file__).resolve().parent.parent
 
@@ -58,7 +58,7 @@ def _texts() -> list[Path]:
 
 def test_the_protocol_page_says_what_the_code_does() -> None:
     page = protocol_page.PAGE.read_text(encoding="utf-8")
-    assert protocol_page.written(page) == page, "run `python -m tests.protocol_page`"
+    assert protocol_page.written(page) == page, "run `python -m tests.tools.protocol_page`"
     assert set(re.findall(r"<!-- from the code: (\w+) -->", page)) == set(protocol_page.BLOCKS)
 
 

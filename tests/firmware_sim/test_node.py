@@ -12,51 +12,17 @@ import pytest
 
 from firmware_sim import frames, node
 from firmware_sim.attachment import Arrival, Attachment, BusUnusable, Spec, parse_spec
-from firmware_sim.device import Device
 from firmware_sim.frames import STOP
 from firmware_sim.keys import KeyUnusable, load_key
-from firmware_sim.memory import COUNT_STALL_TICKS, COUNT_TX_DROPPED, ControllerState, Received
-from firmware_sim.node import Node, main
+from firmware_sim.memory import COUNT_STALL_TICKS, COUNT_TX_DROPPED, Received
+from firmware_sim.node import main
 from firmware_sim.plant.actuator import LAG_S
 from firmware_sim.secoc import DEMO_KEY
 from firmware_sim.states import Reason, State
 from hilbridge.limits import MS
+from tests.firmware_sim.shared import Clock, make
 
 requirement = pytest.mark.requirement
-
-
-class FakeBus:
-    """Takes what the node sends and gives what a test wants to arrive."""
-
-    def __init__(self) -> None:
-        self.arrivals: list[Arrival] = []
-        self.log: list[tuple[int, bytes]] = []
-        self.received = self.sent = self.dropped = self.link_errors = 0
-        self.bus_off = False
-
-    def read(self, now_ns: int) -> list[Arrival]:
-        taken = [arrival for arrival in self.arrivals if arrival.arrived_ns <= now_ns]
-        self.arrivals = [arrival for arrival in self.arrivals if arrival.arrived_ns > now_ns]
-        return taken
-
-    def send(self, can_id: int, data: bytes, now_ns: int) -> None:
-        self.log.append((can_id, data))
-
-
-class Clock:
-    """Stands in for the node's clock: sleeping moves it, and `jumps` stall it."""
-
-    def __init__(self) -> None:
-        self.now_ns = 5_000_000_000
-        self.jumps: dict[int, int] = {}
-
-    def monotonic_ns(self) -> int:
-        return self.now_ns
-
-    def sleep(self, seconds: float) -> None:
-        self.now_ns += round(seconds * 1e9)
-        for at_ms in [at_ms for at_ms in self.jumps if self.now_ns >= 5_000_000_000 + at_ms * MS]:
-            self.now_ns += self.jumps.pop(at_ms) * MS
 
 
 @pytest.fixture
@@ -65,11 +31,6 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
     monkeypatch.setattr(node.time, "monotonic_ns", fake.monotonic_ns)
     monkeypatch.setattr(node.time, "sleep", fake.sleep)
     return fake
-
-
-def make(log: io.StringIO | None = None, log_cycle_ms: int = 20) -> tuple[Node, FakeBus]:
-    bus = FakeBus()
-    return Node(Device(ControllerState(DEMO_KEY, 1)), bus, log, log_cycle_ms), bus  # type: ignore[arg-type]
 
 
 @requirement("S11")

@@ -116,8 +116,8 @@ def test_h1_half_a_certificate_is_none(certificate: dict[str, object]) -> None:
     assert arming_refusal({**AFFIRMED, "trained_on": "a Simulated wearer"}) is not None
 
 
-def test_h1_one_list_says_what_is_virtual_and_multicast_is_not_on_it() -> None:
+def test_h1_one_list_says_what_is_virtual() -> None:
     assert VIRTUAL_INTERFACES == DEVICE_VIRTUAL == {"hilsim", "virtual"}
-    for text in ("udp_multicast:239.0.0.1", "slcan:/dev/ttyUSB0", "pcan:PCAN_USBBUS1"):
+    for text in ("slcan:/dev/ttyUSB0", "pcan:PCAN_USBBUS1"):
         assert not parse_spec(text).is_simulated
         assert device_spec(text).physical

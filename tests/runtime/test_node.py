@@ -283,7 +283,8 @@ def test_h8_no_order_of_faults_makes_an_act_come_sooner(sequence: list[tuple[set
             if row is last_row:
                 continue
             last_row = row
-            if row.sensor_problem or "predictor" in faults or world.node.bridge.overrun:
+            silent = "predictor" in faults and row.new_features  # it is asked only where there are features
+            if row.sensor_problem or silent or world.node.bridge.overrun:
                 gap_ms = world.now_ms
             if row.action is Action.ACT:
                 assert world.now_ms - gap_ms >= EARN_NS // MS

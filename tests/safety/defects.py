@@ -66,7 +66,7 @@ DEFECTS: tuple[Defect, ...] = (
     Defect(
         "the bridge acts on stale sensing",
         (
-            (gate, "_estimate_problem", lambda config, estimate, now_ns: None),
+            (gate, "estimate_problem", lambda config, estimate, now_ns: None),
             (bridge, "SENSING_LIMIT_MS", 10_000),
             (hilbridge.runtime.node, "first_problem", lambda sensors, now_ns: None),
         ),

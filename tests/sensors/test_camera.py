@@ -92,7 +92,7 @@ def test_a_file_without_usable_stamps_goes_by_its_rate(video: Path) -> None:
 
 
 def test_a_character_device_is_a_device_not_a_missing_file() -> None:
-    with pytest.raises(InputError, match="is it connected and free"):
+    with pytest.raises(InputError, match="no /dev/videoN"):
         CameraSource("/dev/null")
 
 

@@ -85,7 +85,7 @@ def bridge_takes(can_id: int, body: bytes, plain: bool) -> None:
     if isinstance(outcome, Decoded):
         bridge.on_message(outcome.name, outcome.signals, outcome.counter, 1)
         protected = outcome.name != "STOP"
-        if not plain or (protected and not autosar.p05.e2e_p05_check(body, DATA_ID[can_id])):
+        if protected and not (plain and autosar.p05.e2e_p05_check(body, DATA_ID[can_id])):  # a STOP counts in any form
             raise Invalid(f"bridge: {can_id:03X} {body.hex()} was taken")
     elif bridge.device is not None:
         raise Invalid(f"bridge: {can_id:03X} {body.hex()} rejected, yet a status")

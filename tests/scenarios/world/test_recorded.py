@@ -119,7 +119,7 @@ def test_a_real_film_with_hands_repeats_to_the_byte(data: Path, tmp_path: Path) 
     }
     for number in range(2):
         run = play(film_of, tmp_path / f"{number}.mcap", duration="1 s")
-    assert [row.valid for row in run.ticks].count([True, True, True]) >= 15
+    assert [row.valid for row in run.ticks].count((True, True, True)) >= 15
     assert (tmp_path / "0.mcap").read_bytes() == (tmp_path / "1.mcap").read_bytes()
 
 

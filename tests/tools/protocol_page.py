@@ -1,6 +1,6 @@
 """The parts of docs/protocol.md that repeat the code: tables from the DBC, worked numbers from both ends.
 
-`python -m tests.protocol_page` writes them into the page; tests/test_docs.py fails where the page differs.
+`python -m tests.tools.protocol_page` writes them into the page; tests/test_docs.py fails where the page differs.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from hilbridge.wire.codec import Codec
 from hilbridge.wire.dbc import default_dbc_path
 from hilbridge.wire.secoc import Authenticator
 
-PAGE = Path(__file__).parents[1] / "docs" / "protocol.md"
+PAGE = Path(__file__).parents[2] / "docs" / "protocol.md"
 _BLOCK = re.compile(r"(<!-- from the code: (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 
 # Of the handshake that the page works through.
