@@ -204,7 +204,7 @@ def test_a_parsers_first_line_is_shown_or_else_what_it_raised(
     def fails(*_: object, **__: object) -> None:
         raise said
 
-    monkeypatch.setattr("cantools.database.load_file", fails)
+    monkeypatch.setattr("cantools.database.can.database.Database.add_dbc_string", fails)
     (tmp_path / "x.dbc").write_text("VERSION")
     with pytest.raises(DbcError) as raised:
         Codec(tmp_path / "x.dbc")
