@@ -17,6 +17,8 @@ from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.port.spec import BusSpec, parse_spec
 from hilbridge.errors import InputError
 from hilbridge.observe.reading import read_recording
+from hilbridge.records import Action
+from hilbridge.rows import TickRow
 from scenarios.format.files import dump_scenario, scenario_of
 from scenarios.format.schema import Scenario, Session
 from scenarios.live.run import run_live
@@ -97,19 +99,20 @@ def test_a_bridge_that_is_started_again_finds_the_faults_that_are_still_under_wa
     scenario = acting(gaze, restart, seconds=5.0)
     run = run_live(scenario, bus("again"), recording=tmp_path / "run.mcap")
     assert all(fault.worked for fault in run.result.faults)
-    rows = [(row.time_ns / 1e9, row.data) for row in read_recording(tmp_path / "run.mcap", ("/tick",))]
+    ticks = [row for row in read_recording(tmp_path / "run.mcap") if isinstance(row, TickRow)]
+    rows = [(row.time_ns / 1e9, row) for row in ticks]
     between = [row for at_s, row in rows if 1.5 < at_s < 2.9]
     assert len(between) > 5  # another process ticks
-    assert {row.action for row in between} == {"HOLD"}
+    assert {row.action for row in between} == {Action.HOLD}
     assert all(row.sensor_problem for row in between)
-    assert any(row.action == "ACT" for at_s, row in rows if at_s > 3.0)
+    assert any(row.action is Action.ACT for at_s, row in rows if at_s > 3.0)
 
 
 def test_a_film_stands_before_live_sensors(tmp_path: Path) -> None:
     scenario = acting().model_copy(update={"intent": Session.model_validate(film(tmp_path))})
     run = run_live(scenario, bus("film"))
     seen = [row.valid for row in run.ticks[10:]]
-    assert seen.count([True, False, True]) > 0.7 * len(seen)  # gaze and scene; no hands, none were looked for
+    assert seen.count((True, False, True)) > 0.7 * len(seen)  # gaze and scene; no hands, none were looked for
     assert any(row.top_confidence for row in run.ticks)
     assert [judgement.name for judgement in run.result.judgements if judgement.safety and not judgement.holds] == []
 
