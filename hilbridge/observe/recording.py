@@ -49,6 +49,8 @@ class Recording:
             if path.is_dir():
                 raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
             descriptor = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_TRUNC, _ONLY_ITS_OWNER)
+            if hasattr(os, "fchmod"):  # one that is replaced keeps its mode otherwise
+                os.fchmod(descriptor, _ONLY_ITS_OWNER)
             self._file = os.fdopen(descriptor, "wb")
         except OSError as error:
             raise InputError(f"recording {path}: {error.strerror}; name a folder that can be written") from None

@@ -59,7 +59,8 @@ def test_what_never_began_leaves_no_file(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_recording_is_its_owners_alone(tmp_path: Path) -> None:
+def test_a_recording_is_its_owners_alone_also_in_the_place_of_another(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap").touch(0o644)
     with Recording(tmp_path / "a.mcap") as recording:
         recording.write(FRAME)
     assert (tmp_path / "a.mcap").stat().st_mode & 0o777 == 0o600
