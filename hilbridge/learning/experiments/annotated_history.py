@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +12,7 @@ from threadpoolctl import threadpool_limits
 
 from hilbridge.intent.calibration import softmax
 from hilbridge.learning import metrics
-from hilbridge.learning.data.egtea import Action, by_session, load_actions, subjects
+from hilbridge.learning.data.egtea import Action, by_session, subjects
 from hilbridge.learning.data.sessions import folds
 from hilbridge.learning.training.fit import fit_temperature
 from hilbridge.verbs import VERBS
@@ -67,9 +66,8 @@ def history_features(session: Sequence[Action], recipes: Sequence[str]) -> Float
     return np.array(rows, dtype=np.float64)
 
 
-def evaluate_history(root: Path, count: int = 8) -> HistoryResult:
+def evaluate_history(actions: Sequence[Action], count: int = 8) -> HistoryResult:
     """Subject-disjoint: logistic model on the training subjects, temperature on the validation ones, judged on the rest."""
-    actions = load_actions(root)
     recipes = sorted({recipe_of(action.session) for action in actions})
     rows: dict[str, list[Floats]] = {}
     labels: dict[str, list[Ints]] = {}

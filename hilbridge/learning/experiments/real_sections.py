@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from hilbridge.learning import metrics
+from hilbridge.learning.data.egtea import load_actions
 from hilbridge.learning.experiments import tables
 from hilbridge.learning.experiments.annotated_history import evaluate_history
 from hilbridge.learning.experiments.gaze_history import real_windows
@@ -16,10 +17,11 @@ Say = Callable[[str], None]
 
 def real_sections(root: Path, say: Say) -> Sequence[Section]:
     """What the real annotations and whatever features are there allow."""
+    actions = load_actions(root)  # a folder that is none is refused before anything is said
     histories = []
     for count in (3, 8):
         say(f"history model on the real annotations, {count} folds of 24/4/4 people")
-        result = evaluate_history(root, count)
+        result = evaluate_history(actions, count)
         row = {name: value for name, value in as_row(result).items() if name != "top1_interval"}
         low, high = result.top1_interval
         histories.append({"model": f"history (annotated), {count} folds", **row, "top1_low": low, "top1_high": high})

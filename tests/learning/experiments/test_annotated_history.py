@@ -8,7 +8,7 @@ pytest.importorskip("sklearn")
 def test_history_on_the_real_annotations_beats_the_sensors_top5(egtea):
     from hilbridge.learning.experiments.annotated_history import evaluate_history
 
-    result = evaluate_history(egtea, count=8)
+    result = evaluate_history(load_actions(egtea), count=8)
     assert result.windows == 15_484
     assert result.top1 >= 0.30
     assert result.top5 >= 0.77
