@@ -6,6 +6,7 @@ pytest.importorskip("sklearn")
 @pytest.mark.data
 @pytest.mark.slow
 def test_history_on_the_real_annotations_beats_the_sensors_top5(egtea):
+    from hilbridge.learning.data.egtea import load_actions
     from hilbridge.learning.experiments.annotated_history import evaluate_history
 
     result = evaluate_history(load_actions(egtea), count=8)
