@@ -16,7 +16,7 @@ import tempfile
 import threading
 import traceback
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import NoReturn
 
@@ -66,14 +66,26 @@ def guarded(command: Callable[[], object], name: str) -> int:
         finally:
             _flush()
     except BaseException as error:
-        # Ctrl-C in the middle of this must not show a trace after all.
-        with contextlib.suppress(ValueError):
-            signal.signal(signal.SIGINT, signal.SIG_IGN)
-        return _told(error, name)
+        with _no_interrupts():  # Ctrl-C in the middle of this must not show a trace after all
+            return _told(error, name)
     code = returned if isinstance(returned, int) else 0
     if code == INTERRUPTED:
         _say(name, "interrupted")
     return code
+
+
+@contextlib.contextmanager
+def _no_interrupts() -> Iterator[None]:
+    """Ignore Ctrl-C inside. What stood before comes back: processes started later would inherit the ignoring."""
+    try:
+        before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    except ValueError:  # not the main thread, where signals do not arrive
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
 
 
 def _told(error: BaseException, name: str) -> int:

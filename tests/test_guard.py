@@ -5,20 +5,12 @@ from __future__ import annotations
 import errno
 import os
 import signal
-from collections.abc import Iterator
 
 import pytest
 import typer
 
 from hilbridge.errors import InputError
 from hilbridge.guard import guarded
-
-
-@pytest.fixture(autouse=True)
-def keeps_ctrl_c() -> Iterator[None]:
-    before = signal.getsignal(signal.SIGINT)
-    yield
-    signal.signal(signal.SIGINT, before)
 
 
 def raising(error: BaseException) -> int:
@@ -69,3 +61,9 @@ def test_codes_of_commands_are_their_own() -> None:
     assert guarded(lambda: None, "prog") == 0
     assert guarded(lambda: 1, "prog") == 1
     assert raising(SystemExit(3)) == 3
+
+
+def test_ctrl_c_works_as_before_after_a_command_that_failed() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    assert raising(InputError("no such file")) == 2
+    assert signal.getsignal(signal.SIGINT) is before
