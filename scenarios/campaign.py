@@ -20,6 +20,7 @@ from typing import Any
 import joblib
 
 from hilbridge.errors import InputError
+from hilbridge.files import write_whole
 from hilbridge.lease import end_with
 from scenarios.format.files import dump_scenario, scenario_of
 from scenarios.format.schema import Expectation, Scenario, Step
@@ -253,7 +254,7 @@ def run_campaign(
                 progress(outcome.sample.fault)
                 if not outcome.safe:
                     repeat = dump_scenario(scenario_for(base, outcome.sample))
-                    (out / outcome.sample.file_name).write_text(repeat, encoding="utf-8")
+                    write_whole(out / outcome.sample.file_name, repeat)
             file.flush()
     return sorted(outcomes, key=lambda outcome: (outcome.safe, outcome.robustness))
 

@@ -21,6 +21,7 @@ from safetensors.numpy import load, save
 
 from hilbridge.errors import InputError
 from hilbridge.features.layout import LAYOUT_HASH, D
+from hilbridge.files import write_whole
 from hilbridge.intent.calibration import ALL_VALID, Calibration, Method
 from hilbridge.intent.gru import Weights
 from hilbridge.intent.vectors import MAX_DIFFERENCE, WINDOWS, Vectors, largest_difference
@@ -108,11 +109,7 @@ def save_bundle(bundle: Bundle, path: Path) -> Path:
         "thresholds": {"tau_on": bundle.thresholds.tau_on, "tau_off": bundle.thresholds.tau_off},
         "provenance": dict(bundle.provenance),
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_bytes(save(tensors, metadata={METADATA_KEY: json.dumps(metadata, sort_keys=True)}))
-    partial.replace(path)
-    return path
+    return write_whole(path, save(tensors, metadata={METADATA_KEY: json.dumps(metadata, sort_keys=True)}))
 
 
 def load_bundle(path: Path | str) -> Bundle:

