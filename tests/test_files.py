@@ -32,7 +32,7 @@ def test_a_full_disk_names_the_file_that_was_to_be(tmp_path):
         assert caught.value.filename == str(tmp_path / "x.bin")
 
 
-def test_the_partial_files_name_is_nobodys_business(tmp_path):
+def test_the_name_in_between_is_nobodys_business(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(FileExistsError) as caught:
         write_whole(tmp_path / "file" / "x", "")
