@@ -32,7 +32,7 @@ Seed = Annotated[int | None, typer.Option(min=0, help="in place of the scenario'
 
 @app.command("list")
 def list_scenarios(paths: Paths, as_json: Json = False) -> None:
-    """What the scenarios are about, one line each."""
+    """List the scenarios, one line each."""
     from scenarios.format.collect import collect
 
     found = [(path, scenario) for path, scenario in collect(paths)]
