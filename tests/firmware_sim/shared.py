@@ -18,16 +18,20 @@ class FakeBus:
     def __init__(self) -> None:
         self.arrivals: list[Arrival] = []
         self.log: list[tuple[int, bytes]] = []
+        self.stamps: list[int] = []
+        self.reads: list[int] = []
         self.received = self.sent = self.dropped = self.link_errors = 0
         self.bus_off = False
 
     def read(self, now_ns: int) -> list[Arrival]:
+        self.reads.append(now_ns)
         taken = [arrival for arrival in self.arrivals if arrival.arrived_ns <= now_ns]
         self.arrivals = [arrival for arrival in self.arrivals if arrival.arrived_ns > now_ns]
         return taken
 
     def send(self, can_id: int, data: bytes, now_ns: int) -> None:
         self.log.append((can_id, data))
+        self.stamps.append(now_ns)
 
 
 class Clock:
