@@ -96,7 +96,7 @@ class BridgeNode:
         """Take in one frame: what it said (None when it was rejected, and counted) and what must be answered at once."""
         outcome = self.wire.decode(frame)
         if not isinstance(outcome, Decoded):
-            self.foreign += outcome.reason is RejectReason.UNKNOWN_ID and outcome.name is not None
+            self.foreign += outcome.reason is RejectReason.UNKNOWN_ID and bool(outcome.name)
             return None, []
         answers = self.bridge.on_message(outcome.name, outcome.signals, outcome.counter, now_ns)
         if outcome.name == "CTRL_STATUS":

@@ -25,11 +25,13 @@ class QuietBus:
     def __init__(self, spec: Any) -> None:
         self.spec = spec
         self.log: list[tuple[int, bytes]] = []
-        self.received = self.sent = self.dropped = self.link_errors = self.closed = 0
+        self.received = self.sent = self.dropped = self.link_errors = self.closed = self.reads = 0
         self.bus_off = False
         QuietBus.made.append(self)
 
     def read(self, now_ns: int) -> list[Any]:
+        self.reads += 1
+        assert self.reads < 10_000, "a loop that never ends"
         return []
 
     def send(self, can_id: int, data: bytes, now_ns: int) -> None:
