@@ -16,9 +16,9 @@ from hilbridge.intent.bundle import Bundle, Thresholds, save_bundle
 from hilbridge.intent.calibration import ALL_VALID, Calibration, Method
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.synthetic import record_people
-from hilbridge.learning.data.windows import window_ends
+from hilbridge.learning.data.windows import STEPS, window_ends
 from hilbridge.learning.training.fit import fit_calibration
-from hilbridge.learning.training.network import GruNetwork, export_weights
+from hilbridge.learning.training.network import GruNetwork, export_weights, network_vectors
 from hilbridge.learning.training.recipes import DEMO_RECIPE, Recipe
 from hilbridge.learning.training.replay import choose_threshold, estimates, replay, stream_logits
 from hilbridge.learning.training.train import Trained, fit_network, predict_logits
@@ -99,9 +99,10 @@ def make_bundle(
         weights,
         trained.statistics.mean,
         trained.statistics.std,
-        50,
+        STEPS,
         calibration,
         Thresholds(tau_on, max(0.02, round(tau_on - TAU_BAND, 3))),
+        network_vectors(trained.network, trained.logit_offset, trained.statistics.mean, trained.statistics.std, STEPS),
         {**provenance, "threshold_replay": figures},
     )
 
