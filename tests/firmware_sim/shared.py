@@ -30,6 +30,7 @@ class FakeBus:
         return taken
 
     def send(self, can_id: int, data: bytes, now_ns: int) -> None:
+        assert len(self.log) < 5000, "ticks without end"
         self.log.append((can_id, data))
         self.stamps.append(now_ns)
 
@@ -41,6 +42,7 @@ class Clock:
         self.now_ns = 5_000_000_000
         self.jumps: dict[int, int] = {}
         self.looks = 0
+        self.slept_ns = 0
 
     def monotonic_ns(self) -> int:
         self.looks += 1
@@ -49,6 +51,8 @@ class Clock:
 
     def sleep(self, seconds: float) -> None:
         self.looks = 0
+        self.slept_ns += round(seconds * 1e9)
+        assert self.slept_ns < 10_000 * MS, "a loop that never ends"
         self.now_ns += round(seconds * 1e9)
         for at_ms in [at_ms for at_ms in self.jumps if self.now_ns >= 5_000_000_000 + at_ms * MS]:
             self.now_ns += self.jumps.pop(at_ms) * MS

@@ -199,6 +199,7 @@ def test_a_wall_clock_that_is_set_is_noticed_within_a_second(drivers: Drivers, c
     read_stamp(mine, driver, 50 * SECOND, stamp)
     clocks.wall_ns += 100 * SECOND  # somebody sets the clock
     assert read_stamp(mine, driver, 51 * SECOND, stamp + 100.5) == 51 * SECOND
+    assert read_stamp(mine, driver, 51 * SECOND + 1, stamp + 100.9) == 51 * SECOND  # right, and not before the other
     assert abs(read_stamp(mine, driver, 51 * SECOND + 1_000_000, stamp + 101.0005) - 51_000_500_000) < 2000
 
 
@@ -221,6 +222,7 @@ def test_a_lost_bus_is_opened_anew_every_tenth_of_a_second(drivers: Drivers, err
     assert (mine.dropped, mine.sent) == (1, 0)
     mine.send(0xA0, b"", 300_001_000)
     assert (mine.dropped, mine.sent, mine.link_errors) == (1, 1, 1)
+    assert mine.read(900 * SECOND) == []
     assert drivers.asked == [{"interface": "hilsim", "channel": "scripted"}] * 4
 
 

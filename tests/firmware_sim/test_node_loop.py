@@ -11,9 +11,7 @@ import pytest
 from firmware_sim import frames, node
 from firmware_sim.attachment import Arrival
 from firmware_sim.frames import STOP
-from firmware_sim.keys import WRONG
-from firmware_sim.memory import COUNT_LOST, COUNT_STALL_TICKS, COUNT_TRIPS, Received
-from firmware_sim.secoc import DEMO_KEY
+from firmware_sim.memory import COUNT_LOST, COUNT_STALL_TICKS, COUNT_TRIPS, Received, Refusal
 from firmware_sim.states import Reason, State
 from hilbridge.limits import MS
 from tests.firmware_sim.shared import Clock, make
@@ -38,7 +36,8 @@ class Source:
         self.given = b""
 
     def token_bytes(self, length: int) -> bytes:
-        block = b"".join((len(self.given) // 4 + k).to_bytes(4, "big") for k in range(length // 4))
+        first = len(self.given)
+        block = b"".join((first + k).to_bytes(4, "big") for k in range(length // 4 + 1))[:length]
         self.given += block
         return block
 
@@ -117,6 +116,13 @@ def test_it_wakes_every_two_milliseconds_and_looks_a_last_time_at_the_end(clock:
     assert bus.reads[-2:] == [START_NS + 100 * MS, START_NS + 102 * MS]
     assert made.device.ticks == 100
     assert made.stopping
+
+
+@pytest.mark.parametrize(("seconds", "ticks"), [(2.0, 2000), (0.0016, 2), (0.0, 0)])
+def test_it_runs_for_so_many_milliseconds_of_its_own(clock: Clock, seconds: float, ticks: int) -> None:
+    made, _bus = make()
+    made.run(seconds)
+    assert made.device.ticks == ticks
 
 
 @requirement("S11")
@@ -249,6 +255,23 @@ def test_it_says_what_a_latch_waits_for_when_that_changes(clock: Clock, capsys: 
     assert capsys.readouterr().out == "firmware-sim cleared: Follow\n"
 
 
+def test_it_says_why_a_handshake_was_refused_once(capsys: pytest.CaptureFixture[str]) -> None:
+    made, _bus = make()
+    for refusal, says in (
+        (Refusal.NONE, ""),
+        (Refusal.KEY, "firmware-sim handshake refused: wrong MAC, the bridge has another key;"),
+        (Refusal.KEY, ""),
+        (Refusal.DISTURBED, "firmware-sim handshake refused: two asked at once, a second bridge or a stranger;"),
+        (Refusal.LATE, "firmware-sim handshake refused: an answer too late, or to no challenge;"),
+        (Refusal.NONE, "firmware-sim handshake accepted"),
+    ):
+        made.device.state.refusal = refusal
+        made._announce()
+        said = capsys.readouterr().out
+        assert said.startswith(says)
+        assert said.count("\n") == bool(says)
+
+
 def test_the_hand_at_the_device_is_told_what_became_of_it(capsys: pytest.CaptureFixture[str]) -> None:
     made, _bus = make()
     made._confirm()
@@ -264,6 +287,7 @@ def test_the_hand_at_the_device_is_told_what_became_of_it(capsys: pytest.Capture
 
 def test_the_last_line_has_every_account() -> None:
     made, bus = make()
+    assert made.summary()["most_behind_ms"] == 0
     bus.received, bus.sent, bus.dropped, bus.link_errors = 11, 12, 13, 14
     made.device.ticks, made.most_behind, made.device.peak_assist_unm = 1500, 8, 1_234_567
     counters = list(made.device.state.counters)
@@ -285,56 +309,3 @@ def test_the_last_line_has_every_account() -> None:
         "most_behind_ms": 8,
         "peak_assist_nm": 1.235,
     }
-
-
-# Commands
-
-
-@pytest.mark.parametrize(
-    ("command", "reads", "value"),
-    [
-        ("overrun", "skipped_ms", 10),
-        ("overrun 25", "skipped_ms", 25),
-        ("stuck", "actuator.stuck", True),
-        ("gain 0.5", "actuator.gain", 0.5),
-        ("lag 60", "actuator.lag_s", 0.06),
-        ("bias -0.25", "actuator.bias_nm", -0.25),
-        ("encoder -300", "encoder_offset_mdeg", -300),
-        ("push 1.5", "wearer_extra_nm", 1.5),
-        ("clear", "local_clear", True),
-        ("restart", "state.shared_key", DEMO_KEY),
-        ("wrongkey", "state.shared_key", WRONG),
-    ],
-)
-def test_every_command_does_what_it_says(command: str, reads: str, value: object) -> None:
-    made, _bus = make()
-    made.commands.append(command)
-    made._obey()
-    found: Any = made.device
-    for name in reads.split("."):
-        found = getattr(found, name)
-    assert found == value
-
-
-@pytest.mark.parametrize("command", ["overrun x", "encoder 1.5", "gain", "push one", "clearX", "x"])
-def test_what_is_no_command_is_one_line_that_lists_them(command: str, capsys: pytest.CaptureFixture[str]) -> None:
-    log = io.StringIO()
-    made, _bus = make(log)
-    made.commands.extend([command, "quit"])
-    made._obey()
-    said = capsys.readouterr()
-    assert said.err.startswith(f"firmware-sim: command {command!r} not understood; clear | overrun [MS] | ")
-    assert said.err.count("\n") == 1
-    assert [json.loads(line)["command"] for line in log.getvalue().splitlines()] == ["quit"]
-    assert made.stopping
-
-
-def test_the_list_of_commands_has_each(capsys: pytest.CaptureFixture[str]) -> None:
-    listed = [entry.split()[0] for entry in node._COMMANDS.split("|")]
-    assert listed[-1] == "quit"
-    arguments = {"gain": " 1", "lag": " 1", "bias": " 0", "encoder": " 0", "push": " 0"}
-    for name in listed:
-        made, _bus = make()
-        made.commands.append(name + arguments.get(name, ""))
-        made._obey()
-    assert "not understood" not in capsys.readouterr().err

@@ -8,6 +8,7 @@ import os
 import signal
 from collections.abc import Iterator
 from pathlib import Path
+from types import FrameType
 from typing import Any
 
 import pytest
@@ -21,6 +22,7 @@ class QuietBus:
     """A bus on which nothing happens; keeps what was sent."""
 
     made: list[QuietBus]
+    asked: list[str]
 
     def __init__(self, spec: Any) -> None:
         self.spec = spec
@@ -31,7 +33,7 @@ class QuietBus:
 
     def read(self, now_ns: int) -> list[Any]:
         self.reads += 1
-        assert self.reads < 10_000, "a loop that never ends"
+        assert self.reads < 500, "a loop that never ends"
         return []
 
     def send(self, can_id: int, data: bytes, now_ns: int) -> None:
@@ -46,10 +48,16 @@ def quiet(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[QuietBus]]:
     """Buses that were opened; signal handlers are put back afterwards."""
     QuietBus.made = []
     monkeypatch.setattr(node, "Attachment", QuietBus)
-    monkeypatch.setattr(node, "use_realtime_scheduling", lambda: None)
+    QuietBus.asked = []
+    monkeypatch.setattr(node, "use_realtime_scheduling", lambda: QuietBus.asked.append("real time"))
+    monkeypatch.setattr(node, "read_terminal_politely", lambda: QuietBus.asked.append("polite"))
     monkeypatch.setattr("sys.stdin", io.StringIO())
-    handled = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1, signal.SIGTTIN)
-    before = {number: signal.getsignal(number) for number in handled}
+
+    def nobody_minds(number: int, frame: FrameType | None) -> None:
+        raise AssertionError(number)
+
+    handled = (signal.SIGTERM, signal.SIGINT, signal.SIGUSR1)
+    before = {number: signal.signal(number, nobody_minds) for number in handled}
     yield QuietBus.made
     for number, handler in before.items():
         signal.signal(number, handler)
@@ -91,6 +99,13 @@ def test_it_says_where_it_is_ready_and_leaves_the_bus(
     assert ready == "firmware-sim ready on virtual:quiet"
     assert json.loads(done.removeprefix("firmware-sim done "))["seconds"] == 0.01
     assert quiet[0].closed == 1
+    assert QuietBus.asked == ["real time", "polite"]
+
+
+def test_its_help_has_its_name(capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit):
+        device("--help")
+    assert capsys.readouterr().out.startswith("usage: firmware-sim [")
 
 
 @pytest.mark.parametrize(
@@ -120,10 +135,12 @@ def test_what_it_does_not_take_is_one_line(arguments: list[str], says: str, caps
 
 def test_what_it_takes(quiet: list[QuietBus], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     made: list[tuple[Any, ...]] = []
+    by_line: list[bool] = []  # so that a log has what happened until the end, whatever ends it
     real = node.Node.__init__
 
     def noted(self: node.Node, *arguments: Any) -> None:
         made.append(arguments)
+        by_line.append(arguments[2] is None or arguments[2].line_buffering)
         real(self, *arguments)
 
     monkeypatch.setattr(node.Node, "__init__", noted)
@@ -138,6 +155,7 @@ def test_what_it_takes(quiet: list[QuietBus], tmp_path: Path, monkeypatch: pytes
     assert (plain.state.shared_key, none, cycle) == (b"hilbridge-demo-k", None, 20)
     assert (told.state.shared_key, quick) == (b"\xab" * 16, 1)
     assert file.closed
+    assert by_line == [True, True]
     assert plain.muscles.args == ("reach",)
     assert told.muscles.args == (list(WEARERS)[-1],)
     assert len(log.read_text().splitlines()) == 21
@@ -176,6 +194,12 @@ def test_the_users_signal_is_the_hand_at_the_device(
     monkeypatch.setattr(QuietBus, "read", read)
     assert device("--seconds", "0.05") == 0
     assert "clear refused: nothing is latched" in capsys.readouterr().out
+
+
+def test_a_system_without_that_signal_does_without(quiet: list[QuietBus], monkeypatch: pytest.MonkeyPatch) -> None:
+    with monkeypatch.context() as patch:
+        patch.delattr(node.signal, "SIGUSR1")
+        assert device("--seconds", "0.01") == 0
 
 
 @pytest.mark.parametrize("ends", [True, False])

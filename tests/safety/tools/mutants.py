@@ -121,6 +121,8 @@ def _mutable(node: ast.AST, path: tuple[tuple[ast.AST, str, int | None], ...]) -
             return False
         if isinstance(parent, ast.If) and "__main__" in ast.dump(parent.test):
             return False
+    if isinstance(node, ast.If) and "__main__" in ast.dump(node.test):
+        return False
     docstring = isinstance(node, ast.Constant) and isinstance(node.value, str)
     if docstring and path and isinstance(path[-1][0], ast.Expr):
         return False
