@@ -12,7 +12,7 @@ from firmware_sim.memory import Received
 from firmware_sim.states import State
 from tests.safety.hand import Hand
 from tests.safety.table import Row, Scale
-from tests.safety.tools.model import CUT, INPUTS, OPERATE, QUANTUM_MS, Model, step
+from tests.safety.tools.model import CUT, INPUTS, OPERATE, QUANTUM_MS, Model, ramped, step
 
 _LETTER = {
     e2e.Check.OK: "G",
@@ -73,6 +73,9 @@ def frames_of(hand: Hand, arrival: str) -> tuple[list[Received], bool]:
     if arrival == "act_forged":
         command = hand.act_cmd(frames.GATE_ACT, OPERATE)
         return [command, hand.auth(command, key=b"not the true key")], False
+    if arrival == "act_disturbed":
+        command = hand.act_cmd(frames.GATE_ACT, OPERATE)
+        return [command, hand.act_cmd(frames.GATE_ACT, CUT), hand.auth(command)], False
     if arrival == "corrupt":
         return [Received(frames.ACT_CMD, b"\xff" * 8)], False
     if arrival == "duplicate":
@@ -109,7 +112,8 @@ def invariants(hand: Hand, before: State, assist_before: int, arrival: str) -> N
         "ASSIST only under a valid E2E machine": s.state != State.ASSIST or receiver.machine == e2e.Machine.VALID,
         "ASSIST only out of READY": s.state != State.ASSIST or before in (State.READY, State.ASSIST),
         "READY only out of FOLLOW or a clean ramp": s.state != State.READY
-        or before in (State.FOLLOW, State.READY, State.RAMP_DOWN),
+        or before in (State.FOLLOW, State.READY, State.RAMP_DOWN)
+        or (before == State.ASSIST and assist_before == 0),  # nothing to ramp: the ramp is over as it begins
         "a latch is left only by clearing": before not in latched or s.state in latched or arrival == "clear",
         "an emergency stop is no mere latch": before != State.ESTOP or s.state != State.LATCHED,
         "no session while latched": s.state not in latched or not s.armed,
@@ -128,9 +132,10 @@ def invariants(hand: Hand, before: State, assist_before: int, arrival: str) -> N
 INVARIANTS = 15
 
 
-def quantum(hand: Hand, arrival: str) -> None:
-    """One quantum of the real code, invariants after every tick."""
+def quantum(hand: Hand, arrival: str) -> bool:
+    """One quantum of the real code, invariants after every tick; whether an assist ended just as it had no torque."""
     received, local_clear = frames_of(hand, arrival)
+    torqueless = False
     for k in range(QUANTUM_MS):
         before, assist = hand.state.state, hand.outputs.assist_unm
         hand.tick(
@@ -141,6 +146,8 @@ def quantum(hand: Hand, arrival: str) -> None:
         if k == 0 and arrival == "arm" and hand.state.armed and hand.state.session != hand.session:
             hand.session, hand.key, hand.freshness = hand.state.session, hand.session_key, 0
         invariants(hand, before, assist, arrival)
+        torqueless |= before == State.ASSIST != hand.state.state and assist == 0
+    return torqueless
 
 
 def explore(limit: int | None, seed: int) -> tuple[dict[Model, Hand], int, list[str]]:
@@ -166,7 +173,8 @@ def explore(limit: int | None, seed: int) -> tuple[dict[Model, Hand], int, list[
             expected = step(model, arrival)
             hand = clone(found[model])
             try:
-                quantum(hand, arrival)
+                if quantum(hand, arrival):
+                    expected = ramped(expected)
             except Broken as broken:
                 wrong.append(str(broken))
             replayed += 1

@@ -20,6 +20,7 @@ INPUTS = (
     "act_unauthorised",
     "act_stale_echo",
     "act_forged",
+    "act_disturbed",
     "corrupt",
     "duplicate",
     "stop",
@@ -27,7 +28,7 @@ INPUTS = (
     "arm",
     "clear",
 )
-_COMMANDS = ("hold", "act", "act_other", "act_unauthorised", "act_stale_echo", "act_forged")
+_COMMANDS = ("hold", "act", "act_other", "act_unauthorised", "act_stale_echo", "act_forged", "act_disturbed")
 
 
 class Model(NamedTuple):
@@ -64,7 +65,7 @@ def step(before: Model, arrival: str) -> Model:
     if m.armed and m.heartbeat == 5:
         m, waiting = _tripped(_disarmed(m)), False
     if not waiting or before.mode == "RAMP_DOWN":
-        m = _ramped(m)
+        m = ramped(m)
     return _held(m) if waiting else m
 
 
@@ -114,6 +115,8 @@ def _commanded(m: Model, what: str) -> tuple[Model, bool]:
         m = _held(m._replace(command=0, neutral=min(m.neutral + 1, 3) if trusted else 0))
         return (m._replace(mode="READY") if m.mode == "FOLLOW" and m.neutral == 3 else m), False
     m = m._replace(neutral=0)
+    if what == "act_disturbed":  # a stranger's plain ACT between an ACT and its ACT_AUTH: neither acts, nobody forged
+        return _held(_checked(m._replace(command=0) if trusted else m, "G")), False
     if not trusted or what == "act_stale_echo":
         return _held(m), False
     if what == "act_unauthorised":
@@ -142,7 +145,8 @@ def _tripped(m: Model) -> Model:
     return _latched(m, "LATCHED") if m.trips == 3 else m
 
 
-def _ramped(m: Model) -> Model:
+def ramped(m: Model) -> Model:
+    """The end of a ramp, where there is one."""
     """A ramp that began in the first millisecond is over within the quantum."""
     if m.mode != "RAMP_DOWN":
         return m
