@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hilbridge import cli_bus, cli_learning
+from hilbridge import cli_bus, cli_exchange, cli_learning
 from hilbridge.guard import run_guarded
 
 if TYPE_CHECKING:
@@ -234,6 +234,7 @@ def report(
 
 
 cli_bus.register(app)
+cli_exchange.register(app)
 cli_learning.register(app)
 
 
