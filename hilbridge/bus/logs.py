@@ -14,6 +14,7 @@ from typing import Any
 import can
 
 from hilbridge.bus.candump_text import candump_line, read_candump
+from hilbridge.bus.mf4_batches import in_batches
 from hilbridge.bus.trc_text import trc_writer
 from hilbridge.errors import InputError, needs_extra
 from hilbridge.records import Frame
@@ -72,7 +73,9 @@ def _reader(path: Path) -> Iterator[can.Message]:
 
 
 def _as_the_file_means(message: can.Message, suffix: str) -> can.Message:
-    """PEAK counts buses from one, and its length codes are no lengths."""
+    """PEAK counts buses from one, and its length codes are no lengths; FD has no remote frames, only empty ones."""
+    if message.is_fd:
+        message.is_remote_frame = False
     if suffix == ".trc":
         if isinstance(message.channel, int) and message.channel > 0:
             message.channel -= 1
@@ -87,6 +90,8 @@ def losses(message: can.Message, suffix: str) -> str | None:
         return "error frames"
     if message.is_error_frame and suffix == ".asc" and (message.arbitration_id or any(message.data)):
         return "error frames' classes and data"
+    if message.is_error_frame and suffix == ".blf" and not message.is_rx:
+        return "error frames' direction"
     return None
 
 
@@ -135,7 +140,7 @@ def _writer(part: Path, first: can.Message, open_files: ExitStack) -> Callable[[
     logger = open_files.enter_context(can.Logger(part))
     if isinstance(logger, can.ASCWriter):  # its stamps count from a start that has whole milliseconds
         logger.log_event("Start of measurement", math.floor(first.timestamp * 1e3) / 1e3)
-    return logger
+    return in_batches(logger) if isinstance(logger, can.MF4Writer) else logger
 
 
 def convert(source: Path, target: Path) -> int:

@@ -28,7 +28,7 @@ def export_table(recording: Path, target: Path, topic: str = "/can", progress: P
     """Write the rows of a topic as `.csv` or `.parquet`, by the target's name. Raises InputError."""
     if topic not in TOPICS:
         raise InputError(f"--topic {topic}: no such topic; there are {', '.join(sorted(TOPICS))}")
-    kinds = {name: _PLAIN.get(part.get("type", ""), object) for name, part in json_schema(topic)["properties"].items()}
+    kinds = {name: _PLAIN.get(part.get("type", ""), str) for name, part in json_schema(topic)["properties"].items()}
     columns: dict[str, type] = {"time_ns": int, "unix_ns": int, **kinds}
     reader = read_recording(recording, (topic, MetaRow.topic))
     offset_ns, count = 0, 0
@@ -39,15 +39,15 @@ def export_table(recording: Path, target: Path, topic: str = "/can", progress: P
                 offset_ns = row.wall_minus_monotonic_ns or 0
             if row.topic != topic:
                 continue
-            cells = {name: _cell(value, columns[name]) for name, value in json.loads(encode(row)).items()}
+            cells = {name: _cell(value) for name, value in json.loads(encode(row)).items()}
             write({"time_ns": row.time_ns, "unix_ns": row.time_ns + offset_ns, **cells})
             count += 1
             progress()
     return Exchanged(target, count, {}, reader.missing)
 
 
-def _cell(value: Any, kind: type) -> Any:
-    return value if kind is not object or value is None else json.dumps(value)
+def _cell(value: Any) -> Any:
+    return json.dumps(value) if isinstance(value, list | dict) else value
 
 
 @contextmanager
