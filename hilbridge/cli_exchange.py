@@ -32,8 +32,8 @@ def export(
     as_json: Json = False,
 ) -> None:
     """Write a recording's CAN frames as a log of another program, or one topic as a table."""
-    from hilbridge.observe.exchange import LOG_SUFFIXES, export_log
-    from hilbridge.observe.tables import export_table
+    from hilbridge.exchange.can_logs import LOG_SUFFIXES, export_log
+    from hilbridge.exchange.tables import export_table
     from hilbridge.terminal import counted
 
     suffix = LOG_SUFFIXES.get(to, f".{to}" if to in _TABLES else None)
@@ -58,8 +58,8 @@ def import_log(
     as_json: Json = False,
 ) -> None:
     """Make a recording of a CAN log."""
-    from hilbridge.observe.exchange import import_rows, rows_of_log
-    from hilbridge.observe.tables import rows_of_table
+    from hilbridge.exchange.can_logs import import_rows, rows_of_log
+    from hilbridge.exchange.tables import rows_of_table
     from hilbridge.terminal import counted
 
     if out.suffix.lower() != ".mcap":
@@ -100,7 +100,7 @@ def play(
     as_json: Json = False,
 ) -> None:
     """Put recorded CAN frames on a bus, on time. Commands to a device never go on a physical one."""
-    from hilbridge.play import play as play_frames
+    from hilbridge.exchange.play import play as play_frames
 
     played = asyncio.run(play_frames(recording, bus, speed, only_rx=only_rx, dbc=dbc))
     if as_json:

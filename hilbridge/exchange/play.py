@@ -20,6 +20,7 @@ from hilbridge.wire.dbc_file import load_dbc
 
 # What makes a device assist, or begin to. A recording of it has no place where a person may be.
 COMMANDS = ("ACT_CMD", "ACT_AUTH", "ARM_REQUEST", "ARM_CHALLENGE", "ARM_RESPONSE")
+_FASTEST = 1e6
 _LATE_MS = 10.0
 _ROOM_S = 0.001
 
@@ -68,8 +69,8 @@ def timed(rows: Iterable[CanRow], speed: float) -> Iterator[tuple[int, CanRow]]:
 
 async def play(recording: Path, bus: str, speed: float, *, only_rx: bool, dbc: Path | None = None) -> Played:
     """Play a recording's frames. Raises InputError where the recording or the bus cannot be used."""
-    if not speed > 0:
-        raise InputError(f"--speed {speed}: must be above zero")
+    if not 0 < speed <= _FASTEST:
+        raise InputError(f"--speed {speed}: must be above zero, at most {_FASTEST:g}")
     reader = read_recording(recording, (CanRow.topic,))
     rows = (row for row in reader if isinstance(row, CanRow))
     played = Played()

@@ -13,8 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from hilbridge.errors import InputError, needs_extra
+from hilbridge.exchange.can_logs import Exchanged, Progress
 from hilbridge.files import in_place_of
-from hilbridge.observe.exchange import Exchanged, Progress
 from hilbridge.observe.reading import read_recording
 from hilbridge.rows import TOPICS, CanRow, MetaRow, encode, from_fields, json_schema
 

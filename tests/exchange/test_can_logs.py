@@ -16,10 +16,10 @@ import pytest
 from hilbridge import cli
 from hilbridge.bus.model.frames import DLC_LENGTHS
 from hilbridge.errors import InputError
-from hilbridge.observe.exchange import LOG_SUFFIXES, export_log, import_rows, rows_of_log
+from hilbridge.exchange.can_logs import LOG_SUFFIXES, export_log, import_rows, rows_of_log
+from hilbridge.exchange.tables import export_table, rows_of_table
 from hilbridge.observe.reading import read_recording
 from hilbridge.observe.recording import Recording
-from hilbridge.observe.tables import export_table, rows_of_table
 from hilbridge.records import Action, HoldReason
 from hilbridge.rows import CanRow, Direction, MetaRow, TickRow
 
