@@ -27,7 +27,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "wearer": set(),
     "runtime": {"bus", "config", "core", "features", "intent", "sensors", "wearer", "wire"},
     "learning": {"core", "features", "intent", "sensors", "wearer"},
-    "observe": {"core"},
+    "observe": {"core", "wire"},
     "run": {"config", "observe", "runtime"},
     "doctor": {"bus", "config", "core", "doctor_sensors", "intent", "observe", "sensors", "wire"},
     "doctor_sensors": {"sensors"},
