@@ -115,7 +115,7 @@ def test_rows_cannot_be_changed() -> None:
 @given(st.lists(st.floats(width=32, allow_nan=False, allow_infinity=False), min_size=D, max_size=D), TIMES)
 def test_features_come_back_to_the_last_bit(numbers: list[float], now_ns: int) -> None:
     vector = FeatureVector(now_ns - 5, now_ns, np.array(numbers, np.float32), (True, False, True))
-    row = features_row(Look(vector, 7, GazeSample(3, 0.5, 0.5, True), None), now_ns)
+    row = features_row(Look(now_ns, vector, 7, GazeSample(3, 0.5, 0.5, True), None))
     again = decode(row.topic, now_ns, encode(row))
     assert again == row
     back = feature_vector(again)  # type: ignore[arg-type]

@@ -11,7 +11,7 @@ from hilbridge.errors import InputError
 from hilbridge.observe.parts import RecordingInParts, Rotation
 from hilbridge.observe.recording import Adds, AddsNothing
 from hilbridge.priority import Level, take_level
-from hilbridge.rows import ImageRow, Row
+from hilbridge.rows import ImageRow, Row, SceneRow
 
 # Half a minute of everything the bridge says. A disk that is slower than that loses rows, which are counted and shown.
 _QUEUE_ROWS = 20_000
@@ -40,7 +40,7 @@ class BackgroundRecording:
 
     def write(self, row: Row) -> None:
         """Hand one row over; where the disk is too slow or has failed it is lost, and counted."""
-        if isinstance(row, ImageRow) and self._rows.qsize() >= _QUEUE_WITH_PICTURES:
+        if isinstance(row, ImageRow | SceneRow) and self._rows.qsize() >= _QUEUE_WITH_PICTURES:
             self.lost_pictures += 1
         elif self._failure is not None:
             self.lost_rows += 1

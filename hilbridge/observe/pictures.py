@@ -15,9 +15,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from hilbridge.features.scene import shrink
 from hilbridge.priority import Level, take_level
 from hilbridge.records import CameraFrame
-from hilbridge.rows import ImageRow, image_stamp
+from hilbridge.rows import ImageRow, SceneRow, image_stamp
 
 _WAITING = 4
 FRAME_ID = "head_camera"
@@ -56,6 +57,23 @@ def image_row(frame: CameraFrame, form: PictureFormat, now_ns: int) -> ImageRow:
     )
 
 
+def scene_row(frame: CameraFrame, now_ns: int) -> SceneRow:
+    """What scene features look at. Raises ValueError for what is no picture."""
+    small = shrink(frame.rgb)
+    height_px, width_px = small.shape[:2]
+    if not small.size:
+        raise ValueError("a picture without a pixel")
+    return SceneRow(now_ns, frame.captured_ns, frame.sequence, width_px, height_px, small.tobytes())
+
+
+def scene_frame(row: SceneRow) -> CameraFrame:
+    """A picture whose scene features are those of the picture that the row was made of. Raises ValueError."""
+    pixels = np.frombuffer(row.rgb, np.uint8)
+    if pixels.size != row.height_px * row.width_px * 3:
+        raise ValueError(f"scene {row.sequence}: {pixels.size} bytes for {row.width_px} x {row.height_px} pixels")
+    return CameraFrame(row.captured_ns, pixels.reshape(row.height_px, row.width_px, 3), row.sequence)
+
+
 def camera_frame(row: ImageRow) -> CameraFrame:
     """The picture of a row. Raises ValueError where it cannot be read."""
     bgr = cv2.imdecode(np.frombuffer(row.data, np.uint8), cv2.IMREAD_COLOR)
@@ -68,23 +86,18 @@ def camera_frame(row: ImageRow) -> CameraFrame:
 class Pictures:
     """Takes pictures from one thread, gives rows to a recording. `close()` it before the recording."""
 
-    def __init__(
-        self,
-        form: PictureFormat,
-        record: Callable[[ImageRow], None],
-        clock_ns: Callable[[], int] = time.monotonic_ns,
-    ) -> None:
-        self._form, self._record, self._clock_ns = form, record, clock_ns
+    def __init__(self, form: PictureFormat, record: Callable[[ImageRow | SceneRow], None]) -> None:
+        self._form, self._record = form, record
         self._frames: queue.Queue[tuple[CameraFrame, int] | None] = queue.Queue(_WAITING)
         self.stored = self.dropped = self.failed = 0
         self.cpu_s = 0.0
         self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
         self._thread.start()
 
-    def offer(self, frame: CameraFrame) -> None:
-        """Store it if there is time."""
+    def offer(self, frame: CameraFrame, now_ns: int) -> None:
+        """Store it, as of now, if there is time."""
         try:
-            self._frames.put_nowait((frame, self._clock_ns()))
+            self._frames.put_nowait((frame, now_ns))
         except queue.Full:
             self.dropped += 1
 
@@ -97,6 +110,7 @@ class Pictures:
         take_level(Level.ORDINARY)
         while (offered := self._frames.get()) is not None:
             try:
+                self._record(scene_row(*offered))
                 self._record(image_row(offered[0], self._form, offered[1]))
                 self.stored += 1
             except (cv2.error, ValueError):

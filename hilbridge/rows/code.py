@@ -13,7 +13,7 @@ from hilbridge.rows.decisions import BeliefRow, TickRow
 from hilbridge.rows.fields import Direction
 from hilbridge.rows.run import BundleRow, ConfigRow, CountersRow, EventRow, FaultRow, HostRow, LabelRow, MetaRow
 from hilbridge.rows.schema import viewable
-from hilbridge.rows.senses import FeaturesRow, GazeRow, HandsRow, ImageRow, SensorsRow
+from hilbridge.rows.senses import FeaturesRow, GazeRow, HandsRow, ImageRow, SceneRow, SensorsRow
 
 FixedRow = (
     MetaRow
@@ -24,6 +24,7 @@ FixedRow = (
     | BeliefRow
     | FeaturesRow
     | ImageRow
+    | SceneRow
     | GazeRow
     | HandsRow
     | CanRow

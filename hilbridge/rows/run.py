@@ -112,7 +112,7 @@ class ConfigRow:
 
     time_ns: int
     settings: dict[str, Any]
-    """Section -> key -> value; `gate` has the thresholds in force."""
+    """Section -> key -> value; `gate_in_force` is what asking and bundle came to."""
 
 
 @dataclass(frozen=True, slots=True)

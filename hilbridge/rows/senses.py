@@ -41,6 +41,21 @@ class ImageRow:
 
 
 @dataclass(frozen=True, slots=True)
+class SceneRow:
+    """The few pixels of a picture that scene features are made of, as they were: JPEG would change the features."""
+
+    topic: ClassVar[str] = "/scene"
+
+    time_ns: int
+    captured_ns: int
+    sequence: int
+    width_px: int
+    height_px: int
+    rgb: Base64
+    """Row by row, three bytes a pixel."""
+
+
+@dataclass(frozen=True, slots=True)
 class GazeRow:
     """A point of regard, as the eye tracker gave it. A coordinate that was no number is absent."""
 
@@ -154,19 +169,20 @@ def hand_tracks(row: HandsRow) -> HandTracks:
 
 @dataclass(frozen=True, slots=True)
 class Look:
-    """One step of the vision worker: what it was given, and the features that it made."""
+    """One step of the vision worker: what it was given, and the features that it made, which were `ready_ns` at hand."""
 
+    ready_ns: int
     vector: FeatureVector
     sequence: int
     gaze: GazeSample | None
     hands: HandTracks | None
 
 
-def features_row(look: Look, now_ns: int) -> FeaturesRow:
-    """Features as they were made."""
+def features_row(look: Look) -> FeaturesRow:
+    """Features as they were made. Their time is before that of any tick that has them."""
     vector = look.vector
     return FeaturesRow(
-        now_ns,
+        look.ready_ns,
         vector.captured_ns,
         vector.oldest_input_ns,
         *vector.valid,

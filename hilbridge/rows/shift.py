@@ -9,13 +9,14 @@ from hilbridge.rows.bus import CanRow
 from hilbridge.rows.code import Row
 from hilbridge.rows.decisions import BeliefRow, TickRow
 from hilbridge.rows.run import LabelRow
-from hilbridge.rows.senses import FeaturesRow, GazeRow, HandsRow, ImageRow, image_stamp
+from hilbridge.rows.senses import FeaturesRow, GazeRow, HandsRow, ImageRow, SceneRow, image_stamp
 
 _STAMPS: dict[type[Any], tuple[str, ...]] = {
     TickRow: ("features_ns",),
     BeliefRow: ("oldest_input_ns", "produced_ns"),
     FeaturesRow: ("captured_ns", "oldest_input_ns", "gaze_ns", "hands_ns"),
     ImageRow: ("captured_ns",),
+    SceneRow: ("captured_ns",),
     GazeRow: ("captured_ns",),
     HandsRow: ("captured_ns",),
     LabelRow: ("end_ns",),

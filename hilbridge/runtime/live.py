@@ -64,7 +64,9 @@ class LiveBridge:
         self.tick_late_max_ms = 0.0
         self._record, self._judge, self._on_tick, self._clock_ns = record, judge, on_tick, clock_ns
         self.on_notice: Callable[[str], None] = lambda text: None
-        self.on_picture: Callable[[CameraFrame], None] = lambda frame: None  # in the vision worker's thread
+        self.on_picture: Callable[[CameraFrame, int], None] = lambda frame, ready_ns: (
+            None
+        )  # in the vision worker's thread
         self._notices = Notices()
         self._clearing: bool | None = None  # whether a challenge to clear has been answered
         self._stopping = asyncio.Event()
@@ -170,11 +172,11 @@ class LiveBridge:
         self._on_tick(row)
 
     def _note_look(self, frame: CameraFrame, look: Look) -> None:
-        now_ns = self._clock_ns()
-        self.on_picture(frame)
+        # All of one look have the time at which it was ready: a tick may have taken it meanwhile.
+        self.on_picture(frame, look.ready_ns)
         if look.hands is not None:
-            self._record(hands_row(look.hands, now_ns))
-        self._record(features_row(look, now_ns))
+            self._record(hands_row(look.hands, look.ready_ns))
+        self._record(features_row(look))
 
     def _note_gaze(self, sample: GazeSample) -> None:
         self._record(gaze_row(sample, self._clock_ns()))

@@ -60,9 +60,9 @@ def _host_row(now_ns: int) -> HostRow:
 
 
 def config_row(settings: dict[str, Any], parts: Parts, now_ns: int) -> ConfigRow:
-    """Settings as resolved: the gate's are those in force."""
+    """Settings as asked for, and the gate in force."""
     shown = {section: _without_keys(values) for section, values in settings.items()}
-    return ConfigRow(now_ns, {**shown, "gate": asdict(parts.gate)})
+    return ConfigRow(now_ns, {**shown, "gate_in_force": asdict(parts.gate)})
 
 
 def _without_keys(values: Any) -> Any:

@@ -87,7 +87,7 @@ class VisionWorker:
         self.frames_with_hands += bool(hands and hands.hands)
         gaze = self._gaze.take() if self._gaze is not None else None
         vector = assembler.update(frame, gaze, hands, frame.captured_ns)
-        self.last_ready_ns = self._clock_ns()
+        ready_ns = self.last_ready_ns = self._clock_ns()
         self.vectors.put(vector)
         self.on_vector()
-        self.on_look(frame, Look(vector, frame.sequence, gaze, hands))
+        self.on_look(frame, Look(ready_ns, vector, frame.sequence, gaze, hands))

@@ -38,7 +38,7 @@ class Sight:
         if self._record is not None:
             if hands is not None:
                 self._record(hands_row(hands, now_ns))
-            self._record(features_row(Look(self._vector, frame.sequence, sample, hands), now_ns))
+            self._record(features_row(Look(now_ns, self._vector, frame.sequence, sample, hands)))
 
     def take_gaze(self, sample: GazeSample, now_ns: int) -> None:
         """The newest point of regard."""

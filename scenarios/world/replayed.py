@@ -17,16 +17,18 @@ from hilbridge.errors import InputError
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import STEP_NS, D, drop_modality
 from hilbridge.limits import SENSING_LIMIT_NS
-from hilbridge.observe.pictures import camera_frame
+from hilbridge.observe.pictures import camera_frame, scene_frame
 from hilbridge.observe.reading import read_recording
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample, HandTracks, IntentEstimate, Modality
 from hilbridge.rows import (
     BeliefRow,
     FeaturesRow,
+    FixedRow,
     GazeRow,
     HandsRow,
     ImageRow,
     Row,
+    SceneRow,
     TickRow,
     estimate_of,
     feature_vector,
@@ -37,9 +39,7 @@ from scenarios.format.schema import Scenario, Session
 from scenarios.world.recorded import Filmed, PackAssembler, Person, Unlabelled, Unseen, long_enough
 
 
-def _rows(
-    session: Session, *kinds: type[BeliefRow] | type[FeaturesRow] | type[GazeRow] | type[HandsRow] | type[ImageRow]
-) -> tuple[list[Row], int]:
+def _rows(session: Session, *kinds: type[FixedRow]) -> tuple[list[Row], int]:
     """Rows of these kinds, and the time of the first tick, which is where the session begins. Raises InputError."""
     assert session.recording is not None
     rows = list(read_recording(Path(session.recording), (TickRow.topic, *(kind.topic for kind in kinds))))
@@ -125,14 +125,13 @@ class Relived(Unlabelled):
 
     def __init__(self, session: Session, duration_ns: int) -> None:
         """Raises InputError for a recording without pictures or gaze, or too short."""
-        rows, begin_ns = _rows(session, ImageRow, GazeRow, HandsRow)
+        rows, begin_ns = _rows(session, ImageRow, SceneRow, GazeRow, HandsRow)
         self._offset_ns = begin_ns + session.from_
         self._name = f"recording {session.recording}"
         until_ns = self._offset_ns + duration_ns
-        self._pictures = sorted(
-            (row for row in rows if isinstance(row, ImageRow) and row.captured_ns <= until_ns),
-            key=lambda row: row.captured_ns,
-        )
+        looked = [row for row in rows if isinstance(row, ImageRow | SceneRow) and row.captured_ns <= until_ns]
+        exact = [row for row in looked if isinstance(row, SceneRow)]  # unchanged by JPEG
+        self._pictures = sorted(exact or looked, key=lambda row: row.captured_ns)
         self._gazes = sorted((row for row in rows if isinstance(row, GazeRow)), key=lambda row: row.captured_ns)
         self._hands = sorted((row for row in rows if isinstance(row, HandsRow)), key=lambda row: row.captured_ns)
         _some(self._pictures, session, "pictures")
@@ -148,7 +147,8 @@ class Relived(Unlabelled):
         found = max(0, bisect_right(self._picture_times, t_ns + self._offset_ns) - 1)
         if self._decoded is None or self._decoded[0] != found:
             try:
-                self._decoded = found, camera_frame(self._pictures[found])
+                row = self._pictures[found]
+                self._decoded = found, scene_frame(row) if isinstance(row, SceneRow) else camera_frame(row)
             except ValueError as error:
                 raise InputError(f"{self._name}: {error}; record it again") from None
         return replace(self._decoded[1], captured_ns=t_ns)

@@ -59,11 +59,11 @@ def test_pictures_that_come_too_fast_are_dropped_and_counted() -> None:
         free.wait(30)
         kept.append(row.sequence)
 
-    pictures = Pictures(PictureFormat(), record, lambda: 1)
-    pictures.offer(CameraFrame(0, gradient(16, 16), 0))
+    pictures = Pictures(PictureFormat(), record)
+    pictures.offer(CameraFrame(0, gradient(16, 16), 0), 1)
     assert began.wait(30)
     for number in range(1, 11):
-        pictures.offer(CameraFrame(number, gradient(16, 16), number))
+        pictures.offer(CameraFrame(number, gradient(16, 16), number), 1)
     free.set()
     pictures.close()
     assert kept == [0, 1, 2, 3, 4]
@@ -72,9 +72,9 @@ def test_pictures_that_come_too_fast_are_dropped_and_counted() -> None:
 
 def test_one_that_cannot_be_stored_is_counted_and_the_next_is_stored() -> None:
     kept: list[int] = []
-    pictures = Pictures(PictureFormat(), lambda row: kept.append(row.sequence), lambda: 1)
-    pictures.offer(CameraFrame(0, np.zeros((0, 0, 3), np.uint8), 0))
-    pictures.offer(CameraFrame(1, gradient(16, 16), 1))
+    pictures = Pictures(PictureFormat(), lambda row: kept.append(row.sequence))
+    pictures.offer(CameraFrame(0, np.zeros((0, 0, 3), np.uint8), 0), 1)
+    pictures.offer(CameraFrame(1, gradient(16, 16), 1), 1)
     pictures.close()
     assert kept == [1]
     assert pictures.failed == 1
