@@ -19,6 +19,7 @@ from hilbridge.observe.background import BackgroundRecording
 from hilbridge.observe.parts import Rotation
 from hilbridge.observe.pictures import PictureFormat, Pictures
 from hilbridge.observe.report import write_report
+from hilbridge.observe.retention import remove_old
 from hilbridge.observe.signals import SignalRows
 from hilbridge.observe.summary import Summary
 from hilbridge.priority import use_realtime_scheduling
@@ -145,9 +146,11 @@ async def run_bridge(
         await asyncio.to_thread(recording.close)
         raise group.exceptions[0] from None
     await asyncio.to_thread(recording.close)
+    if config.recording.retain_days is not None:
+        await asyncio.to_thread(_forget_old, folder, config.recording.retain_days, watcher)
     report = folder / "report.html"
     try:
-        summary = await asyncio.to_thread(write_report, recording.path, report)
+        summary = await asyncio.to_thread(write_report, folder, report)
     except OSError as error:
         raise InputError(
             f"report {report}: {error.strerror}; saved: {recording.path}, `hilbridge report` makes the page again"
@@ -175,6 +178,14 @@ def _write_last(recording: BackgroundRecording, pictures: Pictures | None, count
         own["recording.pictures"] = pictures.stored
         own["recording.lost_pictures"] = pictures.dropped + pictures.failed + recording.lost_pictures
     recording.write(CountersRow(time.monotonic_ns(), {**counts, **own}))
+
+
+def _forget_old(folder: Path, days: float, watcher: Watcher) -> None:
+    removed = remove_old(folder, days, time.time())
+    for path in removed.files:
+        watcher.notice(f"removed {path}: older than {days:g} days")
+    for path, why in removed.stay:
+        watcher.notice(f"not removed {path}: older than {days:g} days, but {why}")
 
 
 def _obey_signals(live: LiveBridge, recording: BackgroundRecording, watcher: Watcher) -> None:
