@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hilbridge import cli_bus, cli_learning
+from hilbridge import cli_bus, cli_learning, cli_record
 from hilbridge.guard import run_guarded
 
 if TYPE_CHECKING:
@@ -83,6 +83,12 @@ def run(
         bool | None, typer.Option("--listen-only/--send", help="default: listen only on a physical bus")
     ] = None,
     arm: Annotated[bool | None, typer.Option("--arm", help="may send ACT on a physical bus")] = None,
+    video: Annotated[bool | None, typer.Option("--video/--no-video", help="record the pictures; default: yes")] = None,
+    rotate_mb: Annotated[float | None, typer.Option(help="next part of the recording after so many megabytes")] = None,
+    rotate_minutes: Annotated[float | None, typer.Option(help="... or after so many minutes")] = None,
+    retain: Annotated[
+        float | None, typer.Option(metavar="DAYS", help="remove recordings beside this run's that are older")
+    ] = None,
     clear_latch: Annotated[
         bool, typer.Option("--clear-latch", help="authenticate clearing a latch or STOP; confirm it at the device")
     ] = False,
@@ -103,6 +109,12 @@ def run(
             "sensors": {"camera": camera, "camera_fps": camera_fps, "gaze": gaze, "hands": hands, "loop": loop},
             "bus": {"spec": bus, "key_file": _text(key_file), "listen_only": listen_only, "arm": arm},
             "model": {"bundle": _text(bundle)},
+            "recording": {
+                "video": video,
+                "rotate_mb": rotate_mb,
+                "rotate_minutes": rotate_minutes,
+                "retain_days": retain,
+            },
         },
     )
     parts = read_parts(settings)
@@ -201,40 +213,9 @@ def bus_analysis(
         typer.echo(as_text(result))
 
 
-@app.command()
-def recover(
-    recording: Annotated[Path, typer.Argument(help="a recording that a crash, a kill or a full disk left")],
-    out: Annotated[Path | None, typer.Option(help="the whole file (default: NAME.recovered.mcap beside it)")] = None,
-) -> None:
-    """Make a whole file of a recording that was cut off; the original stays."""
-    from hilbridge.observe.recover import recover as make_whole
-
-    made = make_whole(recording, out)
-    lacked = f"; {made.missing}" if made.missing else "; it was whole already"
-    typer.echo(f"{made.path}: {made.rows} rows{lacked}")
-
-
-@app.command()
-def report(
-    recording: Annotated[Path, typer.Argument(help="a recording (.mcap)")],
-    out: Annotated[Path | None, typer.Option("--out", help="the page; default: beside the recording")] = None,
-    as_json: Json = False,
-) -> None:
-    """Make the report of a recording again, and print its summary."""
-    from hilbridge.observe.report import write_report
-    from hilbridge.terminal import print_summary
-
-    target = out or recording.with_name("report.html")
-    summary = write_report(recording, target)
-    if as_json:
-        _print_json({**summary.as_json(), "report": str(target)})
-    else:
-        print_summary(summary)
-        typer.echo(f"report     {target}")
-
-
 cli_bus.register(app)
 cli_learning.register(app)
+cli_record.register(app)
 
 
 def main() -> None:
