@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from hilbridge.observe.pictures import PictureFormat, Pictures, camera_frame, image_row
 from hilbridge.records import CameraFrame
-from hilbridge.rows import ImageRow
+from hilbridge.rows import ImageRow, SceneRow
 
 
 def gradient(height_px: int, width_px: int) -> NDArray[np.uint8]:
@@ -54,10 +54,11 @@ def test_pictures_that_come_too_fast_are_dropped_and_counted() -> None:
     free, began = threading.Event(), threading.Event()
     kept: list[int] = []
 
-    def record(row: ImageRow) -> None:
+    def record(row: ImageRow | SceneRow) -> None:
         began.set()
         free.wait(30)
-        kept.append(row.sequence)
+        if isinstance(row, ImageRow):
+            kept.append(row.sequence)
 
     pictures = Pictures(PictureFormat(), record)
     pictures.offer(CameraFrame(0, gradient(16, 16), 0), 1)
@@ -71,10 +72,10 @@ def test_pictures_that_come_too_fast_are_dropped_and_counted() -> None:
 
 
 def test_one_that_cannot_be_stored_is_counted_and_the_next_is_stored() -> None:
-    kept: list[int] = []
-    pictures = Pictures(PictureFormat(), lambda row: kept.append(row.sequence))
+    kept: list[ImageRow | SceneRow] = []
+    pictures = Pictures(PictureFormat(), kept.append)
     pictures.offer(CameraFrame(0, np.zeros((0, 0, 3), np.uint8), 0), 1)
     pictures.offer(CameraFrame(1, gradient(16, 16), 1), 1)
     pictures.close()
-    assert kept == [1]
+    assert [(type(row), row.sequence) for row in kept] == [(SceneRow, 1), (ImageRow, 1)]
     assert pictures.failed == 1
