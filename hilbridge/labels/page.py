@@ -50,6 +50,7 @@ class Session:
             "name": str(self.path),
             "length_ms": (self.span.end_ns - self.span.begin_ns) / 1e6,
             "has_pictures": self.span.first_picture_ns is not None,
+            "first_picture_ms": max(0.0, ((self.span.first_picture_ns or 0) - self.span.begin_ns) / 1e6),
             "verbs": VOCABULARY,
             "labels": [asdict(label) for label in labels_of(self.path)],
             "trace": trace,
@@ -118,7 +119,7 @@ class _Handler(BaseHTTPRequestHandler):
     protocol_version = "HTTP/1.1"
     timeout = 30
     _SAFE: ClassVar[Mapping[str, str]] = {
-        "Content-Security-Policy": "default-src 'self' 'unsafe-inline'; frame-ancestors 'none'",
+        "Content-Security-Policy": "default-src 'self' 'unsafe-inline'; img-src blob:; frame-ancestors 'none'",
         "X-Content-Type-Options": "nosniff",
         "Referrer-Policy": "no-referrer",
         "Cache-Control": "no-store",
