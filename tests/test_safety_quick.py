@@ -9,6 +9,7 @@ import pytest
 
 from tests.safety import campaign, checking, harm
 from tests.safety.mutation import ROOT
+from tests.safety.server import run as server
 from tests.safety.table import Row, Scale, printed
 from tests.safety.wire import corruption, forgery, fuzz, replay
 
@@ -66,6 +67,12 @@ def test_mutation_sample() -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+@requirement("P9")
+@pytest.mark.slow
+def test_h9_simulated_bus_under_attack_sample() -> None:
+    all_hold(server.run(QUICK))
 
 
 @requirement("P13", "T1")

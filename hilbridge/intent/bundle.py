@@ -21,6 +21,7 @@ from safetensors.numpy import load, save
 
 from hilbridge.errors import InputError
 from hilbridge.features.layout import LAYOUT_HASH, D
+from hilbridge.files import write_whole
 from hilbridge.intent.calibration import ALL_VALID, Calibration, Method
 from hilbridge.intent.gru import Weights
 from hilbridge.intent.vectors import MAX_DIFFERENCE, WINDOWS, Vectors, largest_difference
@@ -108,11 +109,7 @@ def save_bundle(bundle: Bundle, path: Path) -> Path:
         "thresholds": {"tau_on": bundle.thresholds.tau_on, "tau_off": bundle.thresholds.tau_off},
         "provenance": dict(bundle.provenance),
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_bytes(save(tensors, metadata={METADATA_KEY: json.dumps(metadata, sort_keys=True)}))
-    partial.replace(path)
-    return path
+    return write_whole(path, save(tensors, metadata={METADATA_KEY: json.dumps(metadata, sort_keys=True)}))
 
 
 def load_bundle(path: Path | str) -> Bundle:
@@ -170,6 +167,41 @@ def _check_match(path: Path, metadata: Mapping[str, Any]) -> None:
 
 
 def _assemble(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any], bundle_id: int) -> Bundle:
+    window_steps = metadata["window_steps"]
+    if not isinstance(window_steps, int) or not 2 <= window_steps <= 250:
+        raise BundleError(f"window of {window_steps!r} steps, expected 2 to 250")
+    arrays = _checked(tensors, window_steps)
+    weights = Weights(**{name: arrays[name] for name in TENSORS})
+    vectors = Vectors(arrays["vector_values"], arrays["vector_valid"] > 0, arrays["vector_logits"])
+    difference = largest_difference(weights, arrays["mean"], arrays["std"], window_steps, vectors)
+    if not difference <= MAX_DIFFERENCE:  # NaN fails the comparison
+        raise BundleError(
+            f"its network gives other logits than when it was trained (by {difference:.3g}, at most {MAX_DIFFERENCE:g}): "
+            "tensors were exchanged or edited"
+        )
+    raw = metadata["calibration"]
+    # Bundles written before there was a curve per set of modalities have one for all.
+    curves = raw.get("isotonic") or {str(ALL_VALID): (raw["isotonic_x"], raw["isotonic_y"])}
+    return Bundle(
+        weights,
+        arrays["mean"],
+        arrays["std"],
+        window_steps,
+        Calibration(
+            Method(raw["method"]),
+            {int(mask): float(value) for mask, value in raw["temperatures"].items()},
+            (float(raw["platt"][0]), float(raw["platt"][1])),
+            {int(mask): (_floats(x), _floats(y)) for mask, (x, y) in curves.items()},
+        ),
+        Thresholds(float(metadata["thresholds"]["tau_on"]), float(metadata["thresholds"]["tau_off"])),
+        vectors,
+        dict(metadata["provenance"]),
+        bundle_id,
+    )
+
+
+def _checked(tensors: Mapping[str, NDArray[Any]], window_steps: int) -> dict[str, NDArray[np.float32]]:
+    """All tensors as float32: there, finite, and of shapes that fit together. Raises BundleError."""
     missing = [name for name in _STORED if name not in tensors]
     if missing:
         raise BundleError(f"tensor {missing[0]} is missing")
@@ -180,9 +212,6 @@ def _assemble(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any], 
         # NaN fails the comparison; a larger weight than this overflows instead of predicting.
         if not float(np.abs(array.astype(np.float64)).max()) <= MAX_WEIGHT:
             raise BundleError(f"tensor {name} has a number that is not finite or beyond {MAX_WEIGHT:g}")
-    window_steps = metadata["window_steps"]
-    if not isinstance(window_steps, int) or not 2 <= window_steps <= 250:
-        raise BundleError(f"window of {window_steps!r} steps, expected 2 to 250")
     hidden, inner = arrays["hidden_weight"].shape[-1], arrays["fc_bias"].shape[0]
     shapes = {
         "fc_weight": (inner, D),
@@ -204,34 +233,7 @@ def _assemble(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any], 
             raise BundleError(f"tensor {name} has shape {arrays[name].shape}, expected {shape}")
     if not 0 < hidden <= MAX_HIDDEN or not (arrays["std"] > 0).all():
         raise BundleError(f"hidden size {hidden} or a standard deviation is out of range")
-    floats = {name: np.ascontiguousarray(array, dtype=np.float32) for name, array in arrays.items()}
-    raw = metadata["calibration"]
-    # Bundles written before there was a curve per set of modalities have one for all.
-    curves = raw.get("isotonic") or {str(ALL_VALID): (raw["isotonic_x"], raw["isotonic_y"])}
-    weights = Weights(**{name: floats[name] for name in TENSORS})
-    vectors = Vectors(floats["vector_values"], floats["vector_valid"] > 0, floats["vector_logits"])
-    difference = largest_difference(weights, floats["mean"], floats["std"], window_steps, vectors)
-    if not difference <= MAX_DIFFERENCE:  # NaN fails the comparison
-        raise BundleError(
-            f"its network gives other logits than when it was trained (by {difference:.3g}, at most {MAX_DIFFERENCE:g}): "
-            "tensors were exchanged or edited"
-        )
-    return Bundle(
-        weights,
-        floats["mean"],
-        floats["std"],
-        window_steps,
-        Calibration(
-            Method(raw["method"]),
-            {int(mask): float(value) for mask, value in raw["temperatures"].items()},
-            (float(raw["platt"][0]), float(raw["platt"][1])),
-            {int(mask): (_floats(x), _floats(y)) for mask, (x, y) in curves.items()},
-        ),
-        Thresholds(float(metadata["thresholds"]["tau_on"]), float(metadata["thresholds"]["tau_off"])),
-        vectors,
-        dict(metadata["provenance"]),
-        bundle_id,
-    )
+    return {name: np.ascontiguousarray(array, dtype=np.float32) for name, array in arrays.items()}
 
 
 def _floats(numbers: Sequence[Any]) -> tuple[float, ...]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from hilbridge.files import naming
 from hilbridge.observe.reading import read_recording
 from hilbridge.observe.recording import Recording
 
@@ -28,7 +29,7 @@ def recover(path: Path, target: Path | None = None) -> Recovered:
     rows = iter(reader)
     first = next(rows, None)  # before anything is written: what is no recording leaves no file
     count = 0
-    with Recording(target) as out:
+    with naming(target), Recording(target) as out:
         if first is not None:
             out.write(first)
             count = 1

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
+from hilbridge.files import naming
 from hilbridge.limits import MS
 from hilbridge.observe.recording import Recording
 from hilbridge.rows import CountersRow, DeviceRow, EventRow, MetaRow, Row
@@ -116,7 +117,7 @@ def _all_lived(happened: Happened) -> Judgement:
 
 def write_recording(scenario: Scenario, spec: BusSpec, happened: Happened, path: Path) -> None:
     """Everything that both sides and the director wrote, in order of time, as one MCAP file like virtual time's."""
-    with Recording(path) as out:
+    with naming(path), Recording(path) as out:
         out.write(meta_row(scenario, str(spec), happened.start_ns))
         for row in sorted(_all_rows(happened), key=lambda row: row.time_ns):
             out.write(replace(row, time_ns=max(0, row.time_ns - happened.start_ns)))

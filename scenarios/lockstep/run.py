@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from firmware_sim.memory import COUNT_TRIPS
+from hilbridge.files import naming
 from hilbridge.limits import MS
 from hilbridge.observe.recording import Recording
 from hilbridge.rows import CountersRow
@@ -37,7 +38,7 @@ def run_scenario(
         with closing(world.body):
             world.run()
     else:
-        with Recording(recording) as out:
+        with naming(recording), Recording(recording) as out:
             out.write(meta_row(scenario))
             world = prepared(Lockstep(scenario, out.write))
             with closing(world.body):

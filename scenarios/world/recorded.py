@@ -56,12 +56,12 @@ class Person(Protocol):
 
 class _Recorded:
     def truth(self, t_ns: int) -> Mind | None:
-        """Nobody wrote down what a recorded wearer was about to do."""
+        """None: the intention of a recorded wearer is not known."""
         return None
 
 
 class Unseen(_Recorded):
-    """Stands before the sensors of a session whose features are recorded: seen by all of them, and without content."""
+    """The person of a session whose features are recorded: every sensor delivers samples without content."""
 
     def frame(self, t_ns: int) -> CameraFrame:
         return CameraFrame(t_ns, _BLANK, t_ns // STEP_NS, StampSource.HARDWARE, _ONLY_GREY)
@@ -183,7 +183,7 @@ class PackAssembler(FeatureAssembler):
 
 
 class Replayed:
-    """Believes what an earlier run's predictor believed at the same time, whatever it sees."""
+    """Gives the estimates of an earlier run at the same times, whatever the sensors see."""
 
     def __init__(self, session: Session, duration_ns: int, bundle_id: int, start_ns: int = 0) -> None:
         """Raises InputError for a file that is absent, cut off, too short, or not the recording of a run."""
@@ -203,7 +203,7 @@ class Replayed:
         self._bundle_id = bundle_id
 
     def step(self, vector: FeatureVector, produced_ns: int) -> IntentEstimate | None:
-        """The belief of that moment; None where there was none yet."""
+        """The estimate at that time; None where there was none yet."""
         row = bisect_right(self._times, produced_ns + self._offset_ns) - 1
         belief = self._beliefs[row] if row >= 0 else None
         if belief is None:

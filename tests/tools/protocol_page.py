@@ -1,6 +1,6 @@
 """The parts of docs/protocol.md that repeat the code: tables from the DBC, worked numbers from both ends.
 
-`python -m tests.tools.protocol_page` writes them into the page; tests/test_docs.py fails where the page differs.
+`python -m tests.tools.protocol_page` writes them into the page; tests/house/test_docs.py fails where the page differs.
 """
 
 from __future__ import annotations

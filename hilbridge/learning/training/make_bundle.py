@@ -58,6 +58,10 @@ def train(config: TrainConfig, console: Console | None = None) -> Path:
         raise ValueError(f"wearer {config.wearer!r}: must be one of {', '.join(DIFFICULTIES)}")
     if config.people < 8:
         raise ValueError(f"people = {config.people}: at least 8, so that every group has someone")
+    if config.out.is_dir():
+        raise ValueError(f"{config.out}: a folder; name the file of the bundle")
+    for folder in (config.out.parent, config.work):  # now, not after hours of training
+        folder.mkdir(parents=True, exist_ok=True)
     difficulty = DIFFICULTIES[config.wearer]
     seeds = range(config.first_seed, config.first_seed + config.people)
     held = max(2, round(0.15 * config.people))

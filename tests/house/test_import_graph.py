@@ -12,7 +12,7 @@ import pytest
 from tests.tools.import_graph import between_children, build, cycle
 
 GRAPH = build()
-GROUND = {"records", "rows", "verbs", "errors", "priority", "limits", "lease", "guard"}
+GROUND = {"records", "rows", "verbs", "errors", "priority", "limits", "lease", "guard", "files"}
 
 # Room -> what it may import beside the ground and itself.
 MAY_IMPORT: dict[str, set[str]] = {
