@@ -263,7 +263,7 @@ def test_it_says_why_a_handshake_was_refused_once(capsys: pytest.CaptureFixture[
         (Refusal.KEY, ""),
         (Refusal.DISTURBED, "firmware-sim handshake refused: two asked at once, a second bridge or a stranger;"),
         (Refusal.LATE, "firmware-sim handshake refused: an answer too late, or to no challenge;"),
-        (Refusal.NONE, "firmware-sim handshake accepted"),
+        (Refusal.NONE, "firmware-sim handshake accepted\n"),
     ):
         made.device.state.refusal = refusal
         made._announce()
