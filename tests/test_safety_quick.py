@@ -7,7 +7,7 @@ import sys
 
 import pytest
 
-from tests.safety import campaign, checking, harm
+from tests.safety import campaign, checking, harm, planted
 from tests.safety.mutation import ROOT
 from tests.safety.server import run as server
 from tests.safety.table import Row, Scale, printed
@@ -81,3 +81,16 @@ def test_h2_hung_bridge_sample() -> None:
     command = [sys.executable, "-m", "tests.safety", "hung", "--quick", "--bus", "hilsim"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_planted_defects_sample() -> None:
+    all_hold(planted.run(QUICK))
+
+
+def test_every_planted_defect_has_its_place_and_its_test() -> None:
+    table = planted.table()
+    assert len(table) == len({entry.what for entry in table}) == 60
+    for entry in table:
+        assert (ROOT / entry.file).read_text(encoding="utf-8").count(entry.old) == 1, entry
+        file, _, name = entry.test.partition("::")
+        assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8"), entry

@@ -93,3 +93,38 @@ def test_strange_responses_of_before_explain_nothing(since: str) -> None:
     session.on_challenge(2, 4, 0)
     session.on_mac_failures(1)
     assert session.refused
+
+
+@requirement("P6")
+def test_an_answer_that_nothing_comes_of_is_a_disturbed_handshake_once() -> None:
+    session = fresh()
+    assert session.disturbed == 0
+    session.request(Purpose.ARM, 1, 0)
+    session.request(Purpose.ARM, 1, 300 * MS)  # only lost
+    assert session.disturbed == 0
+    session.on_challenge(1, 3, 301 * MS)
+    session.request(Purpose.ARM, 1, 1_600 * MS)
+    assert session.disturbed == 1
+    session.on_challenge(1, 4, 1_601 * MS)
+    session.request(Purpose.ARM, 1, 3_000 * MS)
+    assert session.disturbed == 2
+
+
+@requirement("P6")
+@pytest.mark.parametrize(("before", "after", "refused"), [(2, 3, False), (2, 4, True), (5, 7, True)])
+def test_what_a_stranger_explains_counts_from_what_was_known(before: int, after: int, refused: bool) -> None:
+    session = fresh()
+    session.on_mac_failures(before)
+    session.request(Purpose.ARM, 1, 0)
+    session.on_challenge(1, 3, 0)
+    session.on_stranger("ARM_RESPONSE", 0)
+    session.on_mac_failures(after)
+    assert session.refused is refused
+    if not refused:
+        session.on_stranger("ARM_RESPONSE", 0)
+        session.on_stranger("ARM_RESPONSE", 0)
+        session.on_mac_failures(after + 2)
+        session.on_mac_failures(after + 2)
+        assert not session.refused
+        session.on_mac_failures(after + 3)
+        assert session.refused

@@ -21,7 +21,7 @@ from hilbridge.exchange.tables import export_table, rows_of_table
 from hilbridge.observe.reading import read_recording
 from hilbridge.observe.recording import Recording
 from hilbridge.records import Action, HoldReason
-from hilbridge.rows import CanRow, Direction, MetaRow, TickRow
+from hilbridge.rows import CanRow, CountersRow, Direction, MetaRow, TickRow
 
 START_NS = 1_700_000_000_123_457_000
 COUNT = 3_000
@@ -103,14 +103,16 @@ def test_tables_hold_everything_of_a_topic_and_come_back(tmp_path: Path, name: s
     assert [row for row in read_recording(tmp_path / "after.mcap") if isinstance(row, CanRow)] == before
     with Recording(tmp_path / "ticks.mcap") as recording:
         recording.write(MetaRow(5, wall_minus_monotonic_ns=100))
-        recording.write(TickRow(7, Action.HOLD, HoldReason.NONE, 0.5, top=(("Take", 0.25),)))
+        recording.write(TickRow(7, Action.HOLD, HoldReason.NONE, 0.5))
+        recording.write(CountersRow(8, {"port.sent": 3}))
     export_table(tmp_path / "ticks.mcap", tmp_path / f"ticks.{name}", "/tick")
     if name == "csv":
         head, line = (tmp_path / "ticks.csv").read_text().splitlines()
         assert head.startswith("time_ns,unix_ns,action,reason,confidence,")
         assert line.startswith("7,107,HOLD,none,0.5,")
-        assert '""Take"", 0.25' in line
-    with pytest.raises(InputError, match=r"--topic /none: no such topic; there are /can,"):
+        export_table(tmp_path / "ticks.mcap", tmp_path / "counters.csv", "/counters")
+        assert (tmp_path / "counters.csv").read_text().splitlines()[1] == '8,108,"{""port.sent"": 3}"'
+    with pytest.raises(InputError, match=r"--topic /none: no such topic; there are .*/can,"):
         export_table(tmp_path / "ticks.mcap", tmp_path / f"none.{name}", "/none")
 
 

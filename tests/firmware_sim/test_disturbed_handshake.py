@@ -245,6 +245,10 @@ def test_a_refusal_is_forgotten_when_a_session_comes() -> None:
     hand.tick(forged(200))
     hand.tick(hand.response(session=99))
     assert hand.state.refusal is Refusal.DISTURBED
+    hand = Hand().to_follow()
+    hand.tick(hand.request())
+    hand.tick(hand.response(session=99))
+    assert hand.state.refusal is Refusal.LATE
 
 
 def test_guesses_in_a_disturbed_handshake_are_two_a_second() -> None:

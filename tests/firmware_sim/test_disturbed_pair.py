@@ -110,6 +110,8 @@ def test_h1_guesses_hide_behind_commands_only_where_nobody_looks_at_them(before:
     right = hand.auth(commands[-1])
     hand.tick(*commands, right)
     assert (hand.state.state is State.ASSIST) == looked_at
+    assert hand.state.freshness == int(looked_at)
+    assert (hand.state.command_ms == hand.now_ms) == looked_at
 
 
 @requirement("P6")

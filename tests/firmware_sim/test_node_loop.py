@@ -257,19 +257,20 @@ def test_it_says_what_a_latch_waits_for_when_that_changes(clock: Clock, capsys: 
 
 def test_it_says_why_a_handshake_was_refused_once(capsys: pytest.CaptureFixture[str]) -> None:
     made, _bus = make()
+    key = "wrong MAC, the bridge has another key; give both the same --key-file"
+    disturbed = "two asked at once, a second bridge or a stranger; the bridge tries again"
+    late = "an answer too late, or to no challenge; the bridge tries again"
     for refusal, says in (
         (Refusal.NONE, ""),
-        (Refusal.KEY, "firmware-sim handshake refused: wrong MAC, the bridge has another key;"),
+        (Refusal.KEY, f"firmware-sim handshake refused: {key}\n"),
         (Refusal.KEY, ""),
-        (Refusal.DISTURBED, "firmware-sim handshake refused: two asked at once, a second bridge or a stranger;"),
-        (Refusal.LATE, "firmware-sim handshake refused: an answer too late, or to no challenge;"),
-        (Refusal.NONE, "firmware-sim handshake accepted"),
+        (Refusal.DISTURBED, f"firmware-sim handshake refused: {disturbed}\n"),
+        (Refusal.LATE, f"firmware-sim handshake refused: {late}\n"),
+        (Refusal.NONE, "firmware-sim handshake accepted\n"),
     ):
         made.device.state.refusal = refusal
         made._announce()
-        said = capsys.readouterr().out
-        assert said.startswith(says)
-        assert said.count("\n") == bool(says)
+        assert capsys.readouterr().out == says
 
 
 def test_the_hand_at_the_device_is_told_what_became_of_it(capsys: pytest.CaptureFixture[str]) -> None:

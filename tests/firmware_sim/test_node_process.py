@@ -122,7 +122,9 @@ def test_its_help_has_its_name(capsys: pytest.CaptureFixture[str]) -> None:
         (["--nonsense"], "unrecognized arguments: --nonsense"),
     ],
 )
-def test_what_it_does_not_take_is_one_line(arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_it_does_not_take_is_one_line(
+    quiet: list[QuietBus], arguments: list[str], says: str, capsys: pytest.CaptureFixture[str]
+) -> None:
     with pytest.raises(SystemExit) as raised:
         device(*arguments)
     assert raised.value.code == 2

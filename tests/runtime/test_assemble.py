@@ -163,6 +163,13 @@ def test_h1_half_a_certificate_is_none(certificate: dict[str, object]) -> None:
     assert arming_refusal({**AFFIRMED, "trained_on": "a Simulated wearer"}) is not None
 
 
+@pytest.mark.parametrize("name", ["precision", "delta"])
+@pytest.mark.parametrize("value", [0.0, 1.0, 1.5, -0.1, float("nan"), float("inf"), 1, True, "0.8", None])
+def test_h1_a_certificate_promises_a_share_and_nothing_else(name: str, value: object) -> None:
+    certificate = {"precision": 0.8, "delta": 0.1, "method": "betting", name: value}
+    assert arming_refusal({**AFFIRMED, "certificate": certificate}) is not None
+
+
 def test_h1_one_list_says_what_is_virtual() -> None:
     assert VIRTUAL_INTERFACES == DEVICE_VIRTUAL == {"hilsim", "virtual"}
     for text in ("slcan:/dev/ttyUSB0", "pcan:PCAN_USBBUS1"):

@@ -269,8 +269,11 @@ def campaign(cases: list[Case], say: bool) -> Verdicts:
     plugin = Campaign(cases, say)
     os.chdir(ROOT)
     paths = sorted({test.split("::")[0] for case in cases for test in case.tests})
-    with contextlib.redirect_stdout(io.StringIO()):
+    said = io.StringIO()
+    with contextlib.redirect_stdout(said):
         pytest.main([*_OPTIONS, "-s", *paths], plugins=[plugin])
+    if sum(map(len, plugin.verdicts.values())) + sum(plugin.controls.values()) != len(cases):
+        raise RuntimeError(f"the campaign has ended early:\n{said.getvalue()[-2000:]}")
     return Verdicts(plugin.verdicts, plugin.controls)
 
 

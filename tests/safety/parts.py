@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 
-from tests.safety import campaign, checking, harm, mutation
+from tests.safety import campaign, checking, harm, mutation, planted
 from tests.safety.processes import hung
 from tests.safety.server import run as server
 from tests.safety.table import Row, Scale
@@ -22,6 +22,7 @@ PARTS = {
     "fuzz": fuzz.run,
     "branches": branches,
     "mutation": mutation.run,
+    "defects": planted.run,
     "campaign": campaign.run,  # takes all cores by itself
     "hung": hung.run,
     "server": server.run,
@@ -29,7 +30,18 @@ PARTS = {
 
 
 # Everything that only computes, two parts at a time; `hung` and `server` run in real time and have the machine to themselves.
-LONGEST_FIRST = ("mutation", "harm", "model", "fuzz", "replay", "forgery", "branches", "conformance", "corruption")
+LONGEST_FIRST = (
+    "mutation",
+    "harm",
+    "model",
+    "defects",
+    "fuzz",
+    "replay",
+    "forgery",
+    "branches",
+    "conformance",
+    "corruption",
+)
 LANES = 2
 
 

@@ -221,6 +221,7 @@ def test_without_a_range_the_bits_are_the_range_and_offsets_count(tmp_path: Path
         ("(1,0) [-1e999|9]", 0, 9),
         ("(-1,0) [-1e999|-9]", 9, 127),
     ],
+    ids=["falling", "falling, cut", "falling by 2", "half", "no end", "no beginning", "falling, no end"],  # see above
 )
 def test_a_range_holds_whichever_way_the_scale_points_and_an_infinite_one_limits_nothing(
     layout: str, lowest: int, highest: int, tmp_path: Path

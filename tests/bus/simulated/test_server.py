@@ -46,7 +46,7 @@ class Served:
         listener = claim(self.name)
         self.address: tuple[str, int] = listener.getsockname()
         self.server = BusServer(self.name, listener, Medium(bitrate, bitrate), linger_s=linger_s)
-        self.thread = threading.Thread(target=self.server.run)
+        self.thread = threading.Thread(target=self.server.run, daemon=True)  # a test that fails must end
         self.thread.start()
 
 
@@ -95,6 +95,19 @@ def test_strangers_are_turned_away_and_disturb_nobody(served: Served) -> None:
     assert receive(other).data == b"ok"
     one.close()
     other.close()
+
+
+def test_the_other_half_of_a_client_is_only_its_own(served: Served) -> None:
+    one = client_of(served)
+    with open_stream(served.address, WAIT_S) as half:
+        half.sendall(hello(served.name))
+        welcome = read_within(half, WAIT_S)
+        for cookie in (0, welcome.stamp_ns ^ 1, welcome.stamp_ns):
+            with open_stream(served.address, WAIT_S) as other:
+                other.sendall(hello("x", flags=Flag.TRANSMIT_SIDE, sequence=welcome.sequence, stamp_ns=cookie))
+                kind = read_within(other, WAIT_S).kind
+            assert kind == (Kind.WELCOME if cookie == welcome.stamp_ns else Kind.REFUSED)
+    one.close()
 
 
 def test_records_that_mean_nothing_are_passed_over(served: Served) -> None:

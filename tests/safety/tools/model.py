@@ -47,8 +47,12 @@ class Model(NamedTuple):
     verb: int = 0
 
 
-def step(before: Model, arrival: str) -> Model:
-    """One quantum: something arrives in its first millisecond, then 49 of them pass."""
+def step(before: Model, arrival: str, at_zero: bool = False) -> Model:
+    """One quantum: something arrives in its first millisecond, then 49 of them pass.
+
+    A ramp that begins when an authorisation is missing lasts beyond the quantum, unless the assist was at zero by itself
+    (`at_zero`): the damping of a still arm is, and then there is nothing to ramp.
+    """
     m = before
     if m.command is not None:
         m = m._replace(command=m.command + 1)
@@ -65,8 +69,10 @@ def step(before: Model, arrival: str) -> Model:
     if m.armed and m.heartbeat == 5:
         m, waiting = _tripped(_disarmed(m)), False
     if not waiting or before.mode == "RAMP_DOWN":
-        m = ramped(m)
-    return _held(m) if waiting else m
+        m = _ramped(m)
+    if waiting:
+        m = _ramped(_held(m)) if at_zero else _held(m)
+    return m
 
 
 def _arrives(m: Model, arrival: str) -> tuple[Model, bool]:
@@ -145,8 +151,7 @@ def _tripped(m: Model) -> Model:
     return _latched(m, "LATCHED") if m.trips == 3 else m
 
 
-def ramped(m: Model) -> Model:
-    """The end of a ramp, where there is one."""
+def _ramped(m: Model) -> Model:
     """A ramp that began in the first millisecond is over within the quantum."""
     if m.mode != "RAMP_DOWN":
         return m
