@@ -61,11 +61,15 @@ class GazeSample:
 
 @dataclass(frozen=True, slots=True)
 class Hand:
-    """One detected hand: palm centre in 0..1 of the picture from the top left, detector score 0..1."""
+    """One detected hand: palm centre in 0..1 of the picture from the top left, detector score 0..1.
+
+    `landmarks` has x, y, z of each point one after the other where the detector gives them; empty otherwise.
+    """
 
     x: float
     y: float
     score: float
+    landmarks: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

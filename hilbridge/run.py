@@ -8,21 +8,27 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Protocol
 
-from hilbridge.config import Config
+from hilbridge.config import Config, RecordingConfig
 from hilbridge.errors import InputError
-from hilbridge.observe.recording import BackgroundRecording
+from hilbridge.labels.live import MarkOptions, marking
+from hilbridge.observe.background import BackgroundRecording
+from hilbridge.observe.parts import Rotation
+from hilbridge.observe.pictures import PictureFormat, Pictures
 from hilbridge.observe.report import write_report
+from hilbridge.observe.retention import remove_old
+from hilbridge.observe.signals import SignalRows
 from hilbridge.observe.summary import Summary
 from hilbridge.priority import use_realtime_scheduling
 from hilbridge.rows import CountersRow, EventRow, TickRow
 from hilbridge.runtime.account.judge import Judge
-from hilbridge.runtime.assemble import Parts, live_bridge, meta_row
+from hilbridge.runtime.assemble import Parts, live_bridge
 from hilbridge.runtime.live import LiveBridge
+from hilbridge.runtime.provenance import first_rows
 from hilbridge.runtime.senses import Senses
 
 RECORDING = "recording.mcap"
@@ -53,6 +59,7 @@ class RunOptions:
     seconds: float | None = None
     judge: Judge | None = None
     clear_latch: bool = False
+    marks: MarkOptions = field(default_factory=MarkOptions)
     finish: Callable[[LiveBridge], Mapping[str, int]] = lambda live: {}
 
 
@@ -112,7 +119,8 @@ async def run_bridge(
     SIGQUIT (Ctrl-\\) puts STOP on the bus: the device goes to ESTOP and stays there until it is cleared.
     Raises InputError when the bus, the key or the senses cannot be used.
     """
-    recording = BackgroundRecording(folder / RECORDING)
+    recording = BackgroundRecording(folder / RECORDING, SignalRows(parts.codec), _rotation(config.recording))
+    pictures = _pictures(config.recording, recording)
     begin_ns = time.monotonic_ns()
 
     def on_tick(row: TickRow) -> None:
@@ -120,16 +128,20 @@ async def run_bridge(
 
     try:
         async with live_bridge(config, parts, senses, recording.write, judge=options.judge, on_tick=on_tick) as live:
-            recording.write(meta_row(config, parts, live.port, options.title, time.monotonic_ns()))
+            for row in first_rows(config, parts, live.port, options.title, time.monotonic_ns()):
+                recording.write(row)
+            if pictures is not None:
+                live.on_picture = pictures.offer
             live.on_notice = watcher.notice
             _obey_signals(live, recording, watcher)
             if options.clear_latch:
                 live.request_clear_latch()
             use_realtime_scheduling()
-            await live.run(options.seconds)
+            with marking(options.marks, recording.write, watcher.notice):
+                await live.run(options.seconds)
             watcher.over("over, writing the report")
-            last = {**live.counters(), **options.finish(live), "recording.lost_rows": recording.lost_rows}
-            recording.write(CountersRow(time.monotonic_ns(), last))
+            counts = {**live.counters(), **options.finish(live)}
+            await asyncio.to_thread(_write_last, recording, pictures, counts)
     except InputError:  # it never ran: leave nothing behind
         await asyncio.to_thread(recording.discard)
         raise
@@ -137,14 +149,46 @@ async def run_bridge(
         await asyncio.to_thread(recording.close)
         raise group.exceptions[0] from None
     await asyncio.to_thread(recording.close)
+    if config.recording.retain_days is not None:
+        await asyncio.to_thread(_forget_old, folder, config.recording.retain_days, watcher)
     report = folder / "report.html"
     try:
-        summary = await asyncio.to_thread(write_report, recording.path, report)
+        summary = await asyncio.to_thread(write_report, folder, report)
     except OSError as error:
         raise InputError(
             f"report {report}: {error.strerror}; saved: {recording.path}, `hilbridge report` makes the page again"
         ) from None
     return Outcome(summary, recording.path, report)
+
+
+def _rotation(config: RecordingConfig) -> Rotation:
+    megabytes, minutes = config.rotate_mb, config.rotate_minutes
+    return Rotation(
+        None if megabytes is None else round(megabytes * 1e6), None if minutes is None else round(minutes * 60e9)
+    )
+
+
+def _pictures(config: RecordingConfig, recording: BackgroundRecording) -> Pictures | None:
+    form = PictureFormat(config.video_quality, config.video_width_px, config.blur_faces)
+    return Pictures(form, recording.write) if config.video else None
+
+
+def _write_last(recording: BackgroundRecording, pictures: Pictures | None, counts: Mapping[str, int]) -> None:
+    """The last row has every count, of the recording itself, too."""
+    own = {"recording.lost_rows": recording.lost_rows}
+    if pictures is not None:
+        pictures.close()
+        own["recording.pictures"] = pictures.stored
+        own["recording.lost_pictures"] = pictures.dropped + pictures.failed + recording.lost_pictures
+    recording.write(CountersRow(time.monotonic_ns(), {**counts, **own}))
+
+
+def _forget_old(folder: Path, days: float, watcher: Watcher) -> None:
+    removed = remove_old(folder, days, time.time())
+    for path in removed.files:
+        watcher.notice(f"removed {path}: older than {days:g} days")
+    for path, why in removed.stay:
+        watcher.notice(f"not removed {path}: older than {days:g} days, but {why}")
 
 
 def _obey_signals(live: LiveBridge, recording: BackgroundRecording, watcher: Watcher) -> None:

@@ -62,7 +62,7 @@ def describe(row: TickRow) -> str:
     device = row.device_state or "no device"
     if row.action is Action.ACT:
         return f"[bold green]ACT {row.verb}[/] {row.confidence:.2f}  device {device}"
-    likely = f"{row.top[0][0]} {row.top[0][1]:.2f}" if row.top else ""
+    likely = f"{row.top_verb} {row.top_confidence:.2f}" if row.top_confidence is not None else ""
     return f"[yellow]HOLD[/] {row.reason}  {likely}  device {device}"
 
 

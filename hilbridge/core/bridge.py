@@ -110,6 +110,22 @@ def sensing_age_ms(oldest_input_ns: int | None, now_ns: int) -> int:
     return min(AGE_STEP_MS * steps, AGE_UNKNOWN_MS)
 
 
+def sendable(
+    decision: GateDecision | None, veto: HoldReason, age_ms: int, before: Command
+) -> tuple[Action, str, HoldReason]:
+    """A decision as it may go on the bus after `before`: against a veto, or on input too old, it is HOLD."""
+    if decision is None:
+        return Action.HOLD, "None", HoldReason.NO_ESTIMATE if veto is HoldReason.NONE else veto
+    if decision.action is not Action.ACT or veto is not HoldReason.NONE:
+        return Action.HOLD, "None", veto if decision.action is Action.ACT else decision.reason
+    if age_ms > SENSING_LIMIT_MS:
+        return Action.HOLD, "None", HoldReason.STALE
+    verb = verb_name(decision.verb_index)
+    if before.action is Action.ACT and before.verb != verb:
+        return Action.HOLD, "None", HoldReason.VERB_CHANGE
+    return Action.ACT, verb, HoldReason.NONE
+
+
 class Bridge:
     """One bridge on one bus. Not thread safe; call from one loop. Exposes `device`, `session`, `command`, `diag`."""
 
@@ -262,7 +278,7 @@ class Bridge:
         vector's oldest input, None when there is none. valid: one flag per modality. bundle_id: 16 bits.
         """
         age_ms = sensing_age_ms(oldest_input_ns, now_ns)
-        action, verb, reason = self._decide(decision, age_ms, now_ns)
+        action, verb, reason = sendable(decision, self.veto(now_ns), age_ms, self.command)
         self.command = Command(action, verb, reason, now_ns)
         self.diag["Acts" if action is Action.ACT else "Holds"] += 1
         if self._config.listen_only:
@@ -289,21 +305,6 @@ class Bridge:
         frames += self._handshake(now_ns)
         frames.append(self._diagnosis())
         return frames
-
-    def _decide(self, decision: GateDecision | None, age_ms: int, now_ns: int) -> tuple[Action, str, HoldReason]:
-        veto = self.veto(now_ns)
-        if decision is None:
-            return Action.HOLD, "None", HoldReason.NO_ESTIMATE if veto is HoldReason.NONE else veto
-        verb = verb_name(decision.verb_index)
-        if decision.action is not Action.ACT:
-            return Action.HOLD, "None", decision.reason
-        if veto is not HoldReason.NONE:
-            return Action.HOLD, "None", veto
-        if age_ms > SENSING_LIMIT_MS:
-            return Action.HOLD, "None", HoldReason.STALE
-        if self.command.action is Action.ACT and self.command.verb != verb:
-            return Action.HOLD, "None", HoldReason.VERB_CHANGE
-        return Action.ACT, verb, HoldReason.NONE
 
     def _heartbeat(self, valid: tuple[bool, bool, bool], bundle_id: int) -> Frame:
         state = BridgeState.RUNNING if self.device is not None else BridgeState.STARTING

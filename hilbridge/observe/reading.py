@@ -6,19 +6,22 @@ Rows are streamed chunk by chunk; no more of a file is in memory than a few seco
 from __future__ import annotations
 
 import heapq
+import json
 import os
 import struct
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import IO, cast
+from typing import IO, Any, cast
 
 import zstandard
 from mcap.exceptions import McapError
-from mcap.records import Channel, Chunk, DataEnd, Footer, McapRecord, Message, Statistics
+from mcap.records import Channel, Chunk, DataEnd, Footer, McapRecord, Message, Schema, Statistics
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
 from hilbridge.errors import InputError
-from hilbridge.rows import Row, decode
+from hilbridge.observe.parts import recordings_in
+from hilbridge.rows import MetaRow, Row, decode
 
 _MAGIC = b"\x89MCAP0\r\n"
 # A chunk of ours holds a second or a mebibyte; others write 4 MiB or so.
@@ -42,37 +45,51 @@ class _Clamped:
 
 
 class RecordingReader:
-    """The rows of one file in order of time; `missing` says after iteration what the file lacks, None for a whole one.
+    """The rows of a recording in order of time, over all its parts; `missing` says after iteration what it lacks, None for
+    a whole one. `schemas` has those of the topics met so far.
 
-    Iteration raises InputError where the file is no recording of ours at all.
+    Iteration raises InputError where a file is no recording of ours at all, or not of the same run as the first.
     """
 
-    def __init__(self, path: Path, topics: Collection[str] | None = None) -> None:
-        """Raises InputError where there is no such file. `topics`: only rows of these."""
-        if not path.is_file():
-            raise InputError(f"recording {path}: no such file; `hilbridge demo --out DIR` writes DIR/recording.mcap")
-        self.path = path
+    def __init__(self, paths: Sequence[Path], topics: Collection[str] | None = None) -> None:
+        """Raises InputError where there is no such file. `topics`: only rows of these; one that ends in / is a family."""
+        for path in paths:
+            if not path.is_file():
+                raise InputError(
+                    f"recording {path}: no such file; `hilbridge demo --out DIR` writes DIR/recording.mcap"
+                )
+        self.path = paths[0]
         self.missing: str | None = None
-        self._topics = topics
-        self._last_ns = 0
+        self.schemas: dict[str, dict[str, Any]] = {}
+        self._paths = paths
+        self._topics = None if topics is None else frozenset(topics)
+        self._families = tuple(topic for topic in topics or () if topic.endswith("/"))
         self._rows = 0
+        self._run: MetaRow | None = None
 
     def __iter__(self) -> Iterator[Row]:
         """Stream the rows. Raises InputError."""
-        self.missing, self._rows = None, 0
-        try:
-            with self.path.open("rb") as file:
-                if file.read(len(_MAGIC)) != _MAGIC:
-                    raise InputError(f"recording {self.path}: no MCAP file; name a recording that hilbridge wrote")
-                file.seek(0)
-                yield from _in_order(self._messages(file))
-        except OSError as error:
-            raise InputError(f"recording {self.path}: {error.strerror}") from None
-        if self._rows == 0 and self.missing is not None:
-            raise InputError(f"recording {self.path}: {self.missing}, and no row before that")
+        self.missing, self._run = None, None
+        yield from _in_order(row for path in self._paths for row in self._of_file(path))
 
-    def _messages(self, file: IO[bytes]) -> Iterator[Row]:
+    def _of_file(self, path: Path) -> Iterator[Row]:
+        self._rows = 0
+        missing, self.missing = self.missing, None
+        try:
+            with path.open("rb") as file:
+                if file.read(len(_MAGIC)) != _MAGIC:
+                    raise InputError(f"recording {path}: no MCAP file; name a recording that hilbridge wrote")
+                file.seek(0)
+                yield from self._messages(path, file)
+        except OSError as error:
+            raise InputError(f"recording {path}: {error.strerror}") from None
+        if self._rows == 0 and self.missing is not None:
+            raise InputError(f"recording {path}: {self.missing}, and no row before that")
+        self.missing = missing or self.missing
+
+    def _messages(self, path: Path, file: IO[bytes]) -> Iterator[Row]:
         channels: dict[int, Channel] = {}
+        schemas: dict[int, Schema] = {}
         ended, counted = False, None
         try:
             # Only chunks are checked here, by their own checksums: their rows must not wait for the end of the file.
@@ -83,12 +100,15 @@ class RecordingReader:
                 if isinstance(record, Statistics):
                     counted = record.message_count
                 for part in _parts(record):
-                    if isinstance(part, Channel):
-                        channels[part.id] = part
-                    elif isinstance(part, Message):
-                        row = self._row(part, channels)
+                    if isinstance(part, Message):
+                        row = self._row(path, part, channels)
                         if row is not None:
                             yield row
+                    elif isinstance(part, Channel):
+                        channels[part.id] = part
+                        self._note_schema(part.topic, schemas.get(part.schema_id))
+                    elif isinstance(part, Schema):
+                        schemas[part.id] = part
         except InputError:
             raise
         except _DAMAGE as error:
@@ -99,17 +119,37 @@ class RecordingReader:
             elif counted != self._rows:
                 self.missing = self._told(f"{counted} rows were written")
 
-    def _row(self, message: Message, channels: dict[int, Channel]) -> Row | None:
+    def _note_schema(self, topic: str, schema: Schema | None) -> None:
+        if schema is not None and topic not in self.schemas:
+            read = json.loads(schema.data)
+            if isinstance(read, dict):
+                self.schemas[topic] = read
+
+    def _wants(self, topic: str) -> bool:
+        return self._topics is None or topic in self._topics or topic.startswith(self._families or ("\0",))
+
+    def _row(self, path: Path, message: Message, channels: dict[int, Channel]) -> Row | None:
         channel = channels.get(message.channel_id)
         if channel is None:
             raise ValueError(f"a message of the unknown channel {message.channel_id}")
-        self._last_ns, self._rows = max(self._last_ns, message.log_time), self._rows + 1
-        if self._topics is not None and channel.topic not in self._topics:
+        self._rows += 1
+        if not self._wants(channel.topic) and channel.topic != MetaRow.topic:
             return None
         try:
-            return decode(channel.topic, message.log_time, message.data)
+            row = decode(channel.topic, message.log_time, message.data)
         except ValueError as error:
-            raise InputError(f"recording {self.path}: not written by hilbridge as it is now ({error})") from None
+            raise InputError(f"recording {path}: not written by hilbridge as it is now ({error})") from None
+        if isinstance(row, MetaRow):
+            self._same_run(path, row)
+        return row if self._wants(channel.topic) else None
+
+    def _same_run(self, path: Path, meta: MetaRow) -> None:
+        """Parts of two runs are no recording."""
+        run = replace(meta, time_ns=0, part=1)
+        if self._run is None:
+            self._run = run
+        elif path != self.path and run != self._run:
+            raise InputError(f"recording {path}: of another run than {self.path}; name the parts of one")
 
     def _told(self, why: str) -> str:
         return f"cut off or damaged after {self._rows} rows ({why}); `hilbridge recover` makes a whole file of what is left"
@@ -141,6 +181,9 @@ def _in_order(rows: Iterator[Row]) -> Iterator[Row]:
         yield heapq.heappop(waiting)[2]
 
 
-def read_recording(path: Path, topics: Collection[str] | None = None) -> RecordingReader:
-    """The rows of a recording in order of time, read up to where it is whole; `missing` says what lacks after that."""
-    return RecordingReader(path, topics)
+def read_recording(places: Path | Sequence[Path], topics: Collection[str] | None = None) -> RecordingReader:
+    """The rows of a recording in order of time, read up to where it is whole; `missing` says what lacks after that.
+
+    `places`: a file, a run's folder, or the parts in their order.
+    """
+    return RecordingReader(recordings_in([places] if isinstance(places, Path) else places), topics)

@@ -1,10 +1,10 @@
-"""Writes recordings: MCAP with JSON messages, so that Foxglove, `mcap` and ten lines of Python can read them.
+"""Writes one recording: MCAP with JSON messages, so that Foxglove, `mcap` and ten lines of Python can read it.
 
-A recording survives its writer: it is written in place, in chunks of a second at most, each handed to the system at
+A recording survives its writer: it is written in place, in chunks of half a second, each handed to the system at
 once. Whatever ends the process, what stands in the file up to the last chunk can be read (`observe.reading`).
 
-Log times are the monotonic stamps of what happened, publish times the wall clock where the run's MetaRow knows it. In
-virtual time they are the same, so the same run gives the same bytes.
+Log times are the monotonic stamps of when the bridge had what happened, publish times the wall clock where the run's
+MetaRow knows it. In virtual time they are the same, so the same run gives the same bytes.
 """
 
 from __future__ import annotations
@@ -12,23 +12,40 @@ from __future__ import annotations
 import errno
 import json
 import os
-import queue
-import struct
-import threading
+from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
+from typing import Any, Protocol
 
 from mcap.writer import CompressionType, Writer
 
 from hilbridge.errors import InputError
-from hilbridge.priority import Level, take_level
-from hilbridge.rows import MetaRow, Row, encode, json_schema
+from hilbridge.rows import MetaRow, Row, encode, json_schema, schema_name
 
-# A minute of everything the bridge says. A disk that is slower than that loses rows, which are counted and shown.
-_QUEUE_ROWS = 20_000
-_CHUNK_NS = 1_000_000_000
+_CHUNK_NS = 500_000_000
 _CHUNK_BYTES = 1 << 20
 _ONLY_ITS_OWNER = 0o600  # a recording is of a person
+LIBRARY = "hilbridge"
+
+
+class Adds(Protocol):
+    """What a recording adds to the rows that it is given (`observe.signals`), and the schemas of those topics."""
+
+    @property
+    def schemas(self) -> Mapping[str, dict[str, Any]]: ...
+
+    def of(self, row: Row) -> Row | None: ...
+
+
+class AddsNothing:
+    """Rows as they come; `schemas` of topics that the rows' own records do not know."""
+
+    def __init__(self, schemas: Mapping[str, dict[str, Any]] | None = None) -> None:
+        self.schemas: Mapping[str, dict[str, Any]] = {} if schemas is None else schemas
+
+    def of(self, row: Row) -> Row | None:
+        """Nothing."""
+        return None
 
 
 class _ChunkWriter(Writer):
@@ -40,9 +57,12 @@ class _ChunkWriter(Writer):
 
 
 class Recording:
-    """Writes one MCAP file, row by row. Use as a context manager. Raises InputError where nothing can be written."""
+    """Writes one MCAP file, row by row. Use as a context manager. Raises InputError where nothing can be written.
 
-    def __init__(self, path: Path) -> None:
+    `is_lasting`: each chunk is forced onto the disk, so that a power cut costs no more than a kill.
+    """
+
+    def __init__(self, path: Path, adds: Adds | None = None, *, is_lasting: bool = False) -> None:
         """An earlier file of that name is replaced; who must not lose it asks first."""
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -55,23 +75,33 @@ class Recording:
         except OSError as error:
             raise InputError(f"recording {path}: {error.strerror}; name a folder that can be written") from None
         self.path = path
+        self._adds: Adds = AddsNothing() if adds is None else adds
+        self._is_lasting = is_lasting
         self._writer = _ChunkWriter(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._writer.start(profile="", library="hilbridge")
+        self._writer.start(profile="", library=LIBRARY)
         self._channels: dict[str, int] = {}
         self._sequence = 0
         self._chunk_from_ns: int | None = None
         self._wall_minus_log_ns = 0
 
+    @property
+    def size(self) -> int:
+        """Bytes handed over so far."""
+        return self._file.tell()
+
     def write(self, row: Row) -> None:
-        """Append one row. Equal rows are equal bytes. Raises OSError where the disk is full or gone."""
+        """Append one row, and what is added to it. Equal rows are equal bytes. Raises OSError where the disk is full."""
+        self._append(row)
+        if (added := self._adds.of(row)) is not None:
+            self._append(added)
+
+    def _append(self, row: Row) -> None:
         topic = row.topic
         if isinstance(row, MetaRow):
             self._wall_minus_log_ns = row.wall_minus_monotonic_ns or 0
         channel = self._channels.get(topic)
         if channel is None:
-            schema = json.dumps(json_schema(topic)).encode()
-            schema_id = self._writer.register_schema(topic.strip("/"), "jsonschema", schema)
-            channel = self._channels[topic] = self._writer.register_channel(topic, "json", schema_id)
+            channel = self._channels[topic] = self._register(topic)
         if self._chunk_from_ns is None:
             self._chunk_from_ns = row.time_ns
         elif row.time_ns - self._chunk_from_ns >= _CHUNK_NS:
@@ -81,10 +111,19 @@ class Recording:
         published_ns = row.time_ns + self._wall_minus_log_ns
         self._writer.add_message(channel, row.time_ns, encode(row), published_ns, self._sequence)
 
+    def _register(self, topic: str) -> int:
+        known = self._adds.schemas.get(topic)
+        schema = json.dumps(json_schema(topic) if known is None else known).encode()
+        return self._writer.register_channel(
+            topic, "json", self._writer.register_schema(schema_name(topic), "jsonschema", schema)
+        )
+
     def flush(self) -> None:
         """End the chunk under way, so that what was written so far survives this process."""
         self._writer.end_chunk()
         self._file.flush()
+        if self._is_lasting:
+            os.fsync(self._file.fileno())
 
     def close(self) -> None:
         """Finish the file. Raises OSError; what had been flushed can be read all the same."""
@@ -105,64 +144,3 @@ class Recording:
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
         self.close()
-
-
-class BackgroundRecording:
-    """A recording with a writing thread of its own, so that a slow disk never delays a tick. Lost rows are counted."""
-
-    def __init__(self, path: Path) -> None:
-        self._recording = Recording(path)
-        self._rows: queue.Queue[Row | None] = queue.Queue(_QUEUE_ROWS)
-        self._thread = threading.Thread(target=self._drain, name="recording", daemon=True)
-        self._failure: Exception | None = None
-        self._discarded = False
-        self.lost_rows = 0
-        self._thread.start()
-
-    @property
-    def path(self) -> Path:
-        return self._recording.path
-
-    def write(self, row: Row) -> None:
-        """Hand one row over; where the disk is too slow or has failed it is lost, and counted."""
-        if self._failure is not None:
-            self.lost_rows += 1
-            return
-        try:
-            self._rows.put_nowait(row)
-        except queue.Full:
-            self.lost_rows += 1
-
-    def close(self) -> None:
-        """Write what waits and close the file. Raises InputError with what the disk said."""
-        self._rows.put(None)
-        self._thread.join()
-        if self._failure is not None:
-            raise InputError(
-                f"recording {self.path}: {self._failure}; {self.lost_rows} rows were lost, what was written before can "
-                "be read; is the disk full?"
-            )
-
-    def discard(self) -> None:
-        """Remove the file: what it belongs to never began."""
-        self._discarded = True
-        self._rows.put(None)
-        self._thread.join()
-
-    def _drain(self) -> None:
-        take_level(Level.ORDINARY)
-        while (row := self._rows.get()) is not None:
-            if self._failure is not None:
-                self.lost_rows += 1
-                continue
-            try:
-                self._recording.write(row)
-            except (OSError, ValueError, TypeError, struct.error) as failure:
-                self._failure = failure
-        try:
-            if self._discarded:
-                self._recording.discard()
-            else:
-                self._recording.close()
-        except OSError as failure:
-            self._failure = self._failure or failure

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from hilbridge.files import naming
 from hilbridge.observe.reading import read_recording
-from hilbridge.observe.recording import Recording
+from hilbridge.observe.recording import AddsNothing, Recording
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +29,8 @@ def recover(path: Path, target: Path | None = None) -> Recovered:
     rows = iter(reader)
     first = next(rows, None)  # before anything is written: what is no recording leaves no file
     count = 0
-    with naming(target), Recording(target) as out:
+    # What was added to rows is among them already.
+    with naming(target), Recording(target, AddsNothing(reader.schemas)) as out:
         if first is not None:
             out.write(first)
             count = 1

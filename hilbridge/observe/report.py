@@ -16,7 +16,7 @@ from hilbridge.files import write_whole
 from hilbridge.observe.reading import read_recording
 from hilbridge.observe.summary import Summary, summarise
 from hilbridge.records import Action
-from hilbridge.rows import CanRow, DeviceRow, EventRow, MetaRow, TickRow
+from hilbridge.rows import CountersRow, DeviceRow, EventRow, MetaRow, SensorsRow, TickRow
 
 R = TypeVar("R", TickRow, DeviceRow)
 
@@ -34,13 +34,16 @@ STATE_COLOURS = {
 _MAX_HOLD_ROWS = 12
 
 
-def write_report(recording: Path, target: Path) -> Summary:
+_TOPICS = (MetaRow.topic, TickRow.topic, DeviceRow.topic, EventRow.topic, SensorsRow.topic, CountersRow.topic)
+
+
+def write_report(recording: Path | Sequence[Path], target: Path) -> Summary:
     """Read a recording, write its page to `target`, return its summary. Raises InputError on what is no recording.
 
     One that was cut off is read up to there; page and summary say what is missing.
     """
-    reader = read_recording(recording)
-    rows = [row for row in reader if not isinstance(row, CanRow)]
+    reader = read_recording(recording, _TOPICS)
+    rows = list(reader)
     summary = replace(summarise(rows), missing=reader.missing)
     meta = next((row for row in rows if isinstance(row, MetaRow)), MetaRow(0))
     events = [row for row in rows if isinstance(row, EventRow)]
@@ -51,7 +54,7 @@ def write_report(recording: Path, target: Path) -> Summary:
         loader=jinja2.PackageLoader("hilbridge.observe"), autoescape=True, undefined=jinja2.StrictUndefined
     )
     page = environment.get_template("report.html").render(
-        title=recording.name,
+        title=reader.path.name,
         heading=meta.title or meta.scenario or "A run of hilbridge",
         meta={name: value for name, value in asdict(meta).items() if value is not None and name != "time_ns"},
         summary=summary,

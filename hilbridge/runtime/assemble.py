@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import secrets
-import time
 from collections.abc import Callable, Mapping
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -20,10 +19,11 @@ from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
 from hilbridge.intent.predictor import Predictor
 from hilbridge.intent.tremor import TremorGuard
 from hilbridge.limits import MS
-from hilbridge.rows import EventRow, MetaRow, TickRow
+from hilbridge.rows import EventRow, TickRow
 from hilbridge.runtime.account.judge import Judge
+from hilbridge.runtime.deciding import Predicts
 from hilbridge.runtime.live import LiveBridge, Recorder
-from hilbridge.runtime.node import BridgeNode, Predicts
+from hilbridge.runtime.node import BridgeNode
 from hilbridge.runtime.senses import Senses
 from hilbridge.wire.codec import Codec
 from hilbridge.wire.keys import load_key
@@ -43,12 +43,15 @@ class Parts:
     bundle: Bundle
     gate: GateConfig
     codec: Codec
+    bundle_path: Path
 
 
 def read_parts(config: Config) -> Parts:
     """Read bundle and DBC, settle the gate's thresholds. Raises InputError."""
-    bundle = load_bundle(Path(config.model.bundle) if config.model.bundle else demo_bundle_path())
-    return Parts(bundle, gate_config(config.gate, bundle), Codec(Path(config.bus.dbc) if config.bus.dbc else None))
+    path = Path(config.model.bundle) if config.model.bundle else demo_bundle_path()
+    bundle = load_bundle(path)
+    codec = Codec(Path(config.bus.dbc) if config.bus.dbc else None)
+    return Parts(bundle, gate_config(config.gate, bundle), codec, path)
 
 
 def gate_config(section: GateSection, bundle: Bundle) -> GateConfig:
@@ -152,20 +155,3 @@ async def live_bridge(
         node = build_node(parts, port, config.bus, on_event, predict)
         live = LiveBridge(node, port, senses, record, judge=judge, on_tick=on_tick)
         yield live
-
-
-def meta_row(config: Config, parts: Parts, port: BusPort, title: str, now_ns: int) -> MetaRow:
-    """Where a recording comes from."""
-    return MetaRow(
-        now_ns,
-        title=title,
-        bus=str(port.spec),
-        physical=port.is_physical,
-        listen_only=port.listen_only,
-        bundle_id=f"{parts.bundle.bundle_id:#06x}",
-        tau_on=parts.gate.tau_on,
-        tau_off=parts.gate.tau_off,
-        camera=config.sensors.camera,
-        gaze=config.sensors.gaze,
-        wall_minus_monotonic_ns=time.time_ns() - time.monotonic_ns(),
-    )

@@ -10,8 +10,22 @@ from dataclasses import replace
 from hilbridge.bus.port.asyncio_port import BusPort
 from hilbridge.bus.port.state import PortState, SendResult
 from hilbridge.limits import STOP_GAP_NS, STOP_REPEATS, TICK_GRACE_NS
-from hilbridge.records import FeatureVector, Frame
-from hilbridge.rows import CountersRow, EventRow, Row, SensorsRow, TickRow, received_row, sent_row, with_truth
+from hilbridge.records import CameraFrame, FeatureVector, Frame, GazeSample
+from hilbridge.rows import (
+    CountersRow,
+    EventRow,
+    Look,
+    Row,
+    SensorsRow,
+    TickRow,
+    belief_row,
+    features_row,
+    gaze_row,
+    hands_row,
+    received_row,
+    sent_row,
+    with_truth,
+)
 from hilbridge.runtime.account.device_view import DeviceView
 from hilbridge.runtime.account.judge import Judge
 from hilbridge.runtime.account.losses import Losses
@@ -30,7 +44,8 @@ class LiveBridge:
     """Runs until told to stop, until a recording that it plays ends, or until something fails.
 
     record: takes rows. judge: None where the wearer's intention is not known. on_tick: shown each row.
-    `on_notice` may be set: it is told in a line what a person at the terminal has to know (`notices`).
+    `on_notice` may be set: it is told in a line what a person at the terminal has to know (`notices`). So may `on_picture`,
+    which keeps pictures and must not take its time.
     """
 
     def __init__(
@@ -49,6 +64,9 @@ class LiveBridge:
         self.tick_late_max_ms = 0.0
         self._record, self._judge, self._on_tick, self._clock_ns = record, judge, on_tick, clock_ns
         self.on_notice: Callable[[str], None] = lambda text: None
+        self.on_picture: Callable[[CameraFrame, int], None] = lambda frame, ready_ns: (
+            None
+        )  # in the vision worker's thread
         self._notices = Notices()
         self._clearing: bool | None = None  # whether a challenge to clear has been answered
         self._stopping = asyncio.Event()
@@ -83,6 +101,9 @@ class LiveBridge:
         """Start the senses, tick at 25 Hz, stop everything again, whatever happens."""
         loop = asyncio.get_running_loop()
         self.senses.vision.on_vector = lambda: _call_on(loop, self._new_features.set)
+        self.senses.vision.on_look = self._note_look
+        if self.senses.gaze is not None:
+            self.senses.gaze.on_value = self._note_gaze
         await asyncio.to_thread(self.senses.start)
         try:
             async with asyncio.TaskGroup() as tasks:
@@ -145,8 +166,20 @@ class LiveBridge:
             work_ms=round((sent_ns - now_ns) / 1e6, 3),
             latency_ms=None if vector is None else round((sent_ns - vector.captured_ns) / 1e6, 3),
         )
+        if tick.belief is not None:
+            self._record(belief_row(tick.belief, now_ns))
         self._record(row)
         self._on_tick(row)
+
+    def _note_look(self, frame: CameraFrame, look: Look) -> None:
+        # All of one look have the time at which it was ready: a tick may have taken it meanwhile.
+        self.on_picture(frame, look.ready_ns)
+        if look.hands is not None:
+            self._record(hands_row(look.hands, look.ready_ns))
+        self._record(features_row(look))
+
+    def _note_gaze(self, sample: GazeSample) -> None:
+        self._record(gaze_row(sample, self._clock_ns()))
 
     async def _sleep_until(self, due_ns: int) -> None:
         wait_s = (due_ns - self._clock_ns()) / 1e9

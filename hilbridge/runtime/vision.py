@@ -12,6 +12,7 @@ import cv2
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.priority import Level, take_level
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample, HandTracks
+from hilbridge.rows import Look
 from hilbridge.runtime.health import FreezeProbe
 from hilbridge.sensors.cell import LatestCell
 
@@ -26,7 +27,8 @@ class VisionWorker:
     """Takes the newest picture, finds hands, assembles features with the newest gaze, leaves them in `vectors`.
 
     `find_hands` is made in the worker's own thread (MediaPipe wants one thread) and may be None: hands are then masked.
-    `on_vector` is called in the worker's thread after each. `freeze` knows when the picture's content last changed.
+    `on_vector` is called in the worker's thread after each, then `on_look` with the picture and all that was made of it.
+    `freeze` knows when the picture's content last changed.
     """
 
     def __init__(
@@ -43,6 +45,7 @@ class VisionWorker:
         self.frames_with_hands = 0
         self.last_ready_ns: int | None = None
         self.on_vector: Callable[[], None] = lambda: None
+        self.on_look: Callable[[CameraFrame, Look], None] = lambda frame, look: None
         self._frames, self._gaze = frames, gaze
         self._find_hands = find_hands
         self._clock_ns = clock_ns
@@ -84,6 +87,7 @@ class VisionWorker:
         self.frames_with_hands += bool(hands and hands.hands)
         gaze = self._gaze.take() if self._gaze is not None else None
         vector = assembler.update(frame, gaze, hands, frame.captured_ns)
-        self.last_ready_ns = self._clock_ns()
+        ready_ns = self.last_ready_ns = self._clock_ns()
         self.vectors.put(vector)
         self.on_vector()
+        self.on_look(frame, Look(ready_ns, vector, frame.sequence, gaze, hands))

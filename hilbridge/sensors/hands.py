@@ -66,7 +66,8 @@ class HandDetector:
         for landmarks, handedness in zip(result.hand_landmarks, result.handedness, strict=True):
             x = sum(landmarks[index].x for index in _PALM) / len(_PALM)
             y = sum(landmarks[index].y for index in _PALM) / len(_PALM)
-            hands.append(Hand(float(x), float(y), float(handedness[0].score)))
+            points = tuple(number for point in landmarks for number in (float(point.x), float(point.y), float(point.z)))
+            hands.append(Hand(float(x), float(y), float(handedness[0].score), points))
         return HandTracks(frame.captured_ns, tuple(hands))
 
     def close(self) -> None:

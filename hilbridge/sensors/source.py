@@ -36,6 +36,7 @@ class Source(ABC, Generic[T]):
         self.state = SourceState.STARTING
         self.detail = ""
         self.last_captured_ns: int | None = None
+        self.on_value: Callable[[T], None] = lambda value: None  # called in the source's thread with each value
         self._clock_ns = clock_ns
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -68,6 +69,7 @@ class Source(ABC, Generic[T]):
         self.last_captured_ns = captured_ns
         self.state, self.detail = SourceState.RUNNING, ""
         self.cell.put(value)
+        self.on_value(value)
 
     def _sleep_until(self, due_ns: int) -> bool:
         """Wait for a moment of the monotonic clock; False when the source is to stop."""

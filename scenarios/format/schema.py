@@ -84,7 +84,10 @@ class Session(_Part):
     """
 
     features: str | None = Field(None, description="feature pack (.npz) of `hilbridge data pack`")
-    recording: str | None = Field(None, description="MCAP recording of an earlier run: its beliefs, replayed")
+    recording: str | None = Field(None, description="MCAP recording of an earlier run; goes with `replay`")
+    replay: Literal["beliefs", "features", "sensors"] = Field(
+        "beliefs", description="what of the recording: its beliefs, its features, or its pictures, gaze and hands"
+    )
     video: str | None = Field(None, description="what the head camera saw; goes with `gaze`")
     gaze: str | None = Field(None, description="Neon folder, BeGaze .txt or .csv; goes with `video`")
     hands: bool = Field(False, description="find hands in the video (extra `hands`)")
@@ -101,16 +104,23 @@ class Session(_Part):
             )
         if (self.video is None) != (self.gaze is None):
             raise ValueError("`video` and `gaze` go together")
+        if self.replay != "beliefs" and self.recording is None:
+            raise ValueError("`replay` says what of a `recording`")
         if self.hands and self.video is None:
             raise ValueError("`hands` are looked for in a `video`")
         return self
 
     @property
+    def replays_beliefs(self) -> bool:
+        """Whether a predictor of an earlier run believes here, whatever is seen."""
+        return self.recording is not None and self.replay == "beliefs"
+
+    @property
     def unchangeable(self) -> tuple[str, ...]:
         """Faults that would have to change what has been recorded already: names, or their beginnings and ends."""
-        if self.recording is not None:
+        if self.replays_beliefs:
             return ()
-        if self.features is not None:
+        if self.features is not None or self.replay == "features":
             kinds = ("stuck", "garbage", "wrong", "drift")
             sensors = tuple(f"{sensor}.{kind}" for sensor in SENSORS for kind in kinds)
             wearer = ("tremor", "ataxia", "blink", "look_away", "hands_out_of_view")
@@ -255,7 +265,7 @@ class Scenario(_Part):
             return self
         for number, step in enumerate(self.steps):
             if step.fault in self.intent.unchangeable:
-                source = "features" if self.intent.features is not None else "a video"
+                source = "features" if "gaze.garbage" in self.intent.unchangeable else "a video"
                 why = f"`{step.fault}` changes what is seen, which {source} recorded already cannot show"
                 raise PydanticCustomError("part", "{why}", {"why": why, "place": ("steps", number, "fault")})
         return self

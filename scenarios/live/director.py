@@ -32,7 +32,7 @@ from scenarios.signals.bridge import absent_bridge, bridge_signals
 from scenarios.signals.device import DeviceLine, device_line
 from scenarios.signals.tracks import Value
 from scenarios.world.arm import PUSHING
-from scenarios.world.fault_board import Active, FaultBoard
+from scenarios.world.fault_board import Active, FaultBoard, fault_row
 from scenarios.world.script import Player
 
 _POLL_NS = 8 * MS
@@ -196,6 +196,7 @@ class Director:
     def begin(self, number: int, active: Active, now_ns: int) -> None:
         """Hand a fault to whoever carries it out: a signal, the wire, the third node, the device, the bridge's process."""
         fault = active.step.fault
+        self.happened.faults.append(fault_row(number, active, now_ns + self._clock.start_ns, begins=True))
         if fault in AWAY:
             self._send_away(number, active, now_ns)
         elif self._wire is not None and self._wire.can(active):
@@ -213,6 +214,7 @@ class Director:
     def end(self, number: int, active: Active, now_ns: int) -> None:
         """Tell the same one that it is over."""
         fault = active.step.fault
+        self.happened.faults.append(fault_row(number, active, now_ns + self._clock.start_ns, begins=False))
         if number in self._still_from:
             if fault == "bridge.hang":
                 self._life.go_on()

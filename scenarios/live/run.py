@@ -5,7 +5,6 @@ from __future__ import annotations
 import tempfile
 import time
 from collections.abc import Iterator
-from dataclasses import replace
 from pathlib import Path
 
 from hilbridge.bus.port.spec import BusSpec
@@ -13,7 +12,8 @@ from hilbridge.errors import InputError
 from hilbridge.files import naming
 from hilbridge.limits import MS
 from hilbridge.observe.recording import Recording
-from hilbridge.rows import CountersRow, DeviceRow, EventRow, MetaRow, Row
+from hilbridge.observe.signals import SignalRows
+from hilbridge.rows import BundleRow, ConfigRow, CountersRow, DeviceRow, EventRow, HostRow, MetaRow, Row, shifted
 from scenarios.format.schema import Expectation, Scenario
 from scenarios.live.director import Director
 from scenarios.live.logs.bridge import put_bridge
@@ -23,8 +23,9 @@ from scenarios.signals.trace import Trace
 from scenarios.signals.tracks import Tracks
 from scenarios.verdict.figures import figures_of_ticks, zero_after_fault_ms
 from scenarios.verdict.judging import FaultCount, Judgement, Result, judged
-from scenarios.verdict.outcome import Run, initial_values, meta_row, with_derived
+from scenarios.verdict.outcome import Run, first_rows, initial_values, with_derived
 from scenarios.verdict.safety import safety_expectations
+from scenarios.world.parts import codec
 
 # A live tick may be up to 40 ms late before the bridge itself holds for it, and a live process has 10 ms of margin
 # (docs/protocol.md); the device's own deadlines are judged on its own clock and need none.
@@ -117,10 +118,11 @@ def _all_lived(happened: Happened) -> Judgement:
 
 def write_recording(scenario: Scenario, spec: BusSpec, happened: Happened, path: Path) -> None:
     """Everything that both sides and the director wrote, in order of time, as one MCAP file like virtual time's."""
-    with naming(path), Recording(path) as out:
-        out.write(meta_row(scenario, str(spec), happened.start_ns))
+    with naming(path), Recording(path, SignalRows(codec())) as out:
+        for first in first_rows(scenario, str(spec), happened.start_ns):
+            out.write(first)
         for row in sorted(_all_rows(happened), key=lambda row: row.time_ns):
-            out.write(replace(row, time_ns=max(0, row.time_ns - happened.start_ns)))
+            out.write(shifted(row, -happened.start_ns))
         out.write(CountersRow(scenario.duration, all_counters(happened)))
 
 
@@ -143,8 +145,9 @@ def all_counters(happened: Happened) -> dict[str, int]:
 def _all_rows(happened: Happened) -> Iterator[Row]:
     for row in happened.bridge_rows:
         # What the bridge heard of the device stands in its /can rows; /device is the device's own word, as elsewhere.
-        if not isinstance(row, DeviceRow | MetaRow):
+        if not isinstance(row, DeviceRow | MetaRow | HostRow | ConfigRow | BundleRow):
             yield row
     yield from (line.row for line in happened.device_lines)
+    yield from happened.faults
     for time_ns, text in happened.events:
         yield EventRow(time_ns, text)

@@ -9,7 +9,7 @@ from hilbridge.bus.simulated.protocol import Arrival
 from hilbridge.core.bridge import BridgeConfig
 from hilbridge.limits import MS, TICK_NS
 from hilbridge.records import Frame
-from hilbridge.rows import EventRow, TickRow, received_row, sent_row, with_truth
+from hilbridge.rows import EventRow, TickRow, belief_row, received_row, sent_row, with_truth
 from hilbridge.runtime.account.judge import judged
 from hilbridge.runtime.assemble import assemble_node
 from hilbridge.runtime.node import Tick
@@ -23,7 +23,7 @@ from scenarios.signals.bridge import absent_bridge, bridge_signals
 from scenarios.world.fault_board import Active, FaultBoard
 from scenarios.world.intent import make_predictor
 from scenarios.world.parts import parts_of
-from scenarios.world.recorded import make_assembler
+from scenarios.world.replayed import make_assembler
 from scenarios.world.sensing import Body
 from scenarios.world.tap import Tap
 
@@ -63,7 +63,8 @@ class BridgeSide:
             lambda now_ns, text: self._log.record(EventRow(now_ns, text)),
             self.predictor,
         )
-        self.sight = self.senses.sight = Sight(make_assembler(self._scenario))
+        record = self._log.record if self._log.is_recorded else None
+        self.sight = self.senses.sight = Sight(make_assembler(self._scenario), record)
         self._inbox: list[Frame] = []
 
     def start(self) -> None:
@@ -146,6 +147,8 @@ class BridgeSide:
     def _note(self, tick: Tick, now_ns: int) -> None:
         row = with_truth(tick.row, judged(self._body.calm.truth(now_ns), tick.decision.verb_index))
         self.ticks.append(row)
+        if tick.belief is not None and self._log.is_recorded:
+            self._log.record(belief_row(tick.belief, now_ns))
         self._log.record(row)
         self._log.put(now_ns, bridge_signals(row))
 

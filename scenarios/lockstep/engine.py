@@ -25,7 +25,7 @@ from scenarios.lockstep.intruder import Intruder
 from scenarios.lockstep.run_log import Record, RunLog
 from scenarios.signals.device import DEVICE_COUNTERS
 from scenarios.world.arm import PUSHING
-from scenarios.world.fault_board import Active, FaultBoard
+from scenarios.world.fault_board import Active, FaultBoard, fault_row
 from scenarios.world.script import Player
 from scenarios.world.sensing import Body
 
@@ -99,6 +99,7 @@ class Lockstep:
     def begin(self, number: int, active: Active, now_ns: int) -> None:
         """Hand a fault to the part that carries it out. Sensors, wearer and taps look at the board by themselves."""
         fault = active.step.fault
+        self.log.record(fault_row(number, active, now_ns, begins=True))
         if fault in INTRUDER_FAULTS:
             self.intruder.begin(active)
         elif fault.startswith("bridge."):
@@ -111,6 +112,7 @@ class Lockstep:
     def end(self, number: int, active: Active, now_ns: int) -> None:
         """Tell the same part that the fault is over."""
         fault = active.step.fault
+        self.log.record(fault_row(number, active, now_ns, begins=False))
         if fault in INTRUDER_FAULTS:
             return  # it looks at the board by itself
         if fault.startswith("bridge."):

@@ -11,14 +11,16 @@ from firmware_sim.memory import COUNT_TRIPS
 from hilbridge.files import naming
 from hilbridge.limits import MS
 from hilbridge.observe.recording import Recording
+from hilbridge.observe.signals import SignalRows
 from hilbridge.rows import CountersRow
 from scenarios.format.schema import Scenario
 from scenarios.lockstep.engine import Lockstep
 from scenarios.lockstep.timing import Profile, profiled
 from scenarios.verdict.figures import figures_of_ticks, zero_after_fault_ms
 from scenarios.verdict.judging import FaultCount, Result, judged
-from scenarios.verdict.outcome import Run, initial_values, meta_row, with_derived
+from scenarios.verdict.outcome import Run, first_rows, initial_values, with_derived
 from scenarios.verdict.safety import safety_expectations
+from scenarios.world.parts import codec
 
 
 def run_scenario(
@@ -38,8 +40,9 @@ def run_scenario(
         with closing(world.body):
             world.run()
     else:
-        with naming(recording), Recording(recording) as out:
-            out.write(meta_row(scenario))
+        with naming(recording), Recording(recording, SignalRows(codec())) as out:
+            for row in first_rows(scenario):
+                out.write(row)
             world = prepared(Lockstep(scenario, out.write))
             with closing(world.body):
                 world.run()

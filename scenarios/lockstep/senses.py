@@ -7,6 +7,7 @@ from collections.abc import Callable
 from hilbridge.config import SensorsConfig
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample, HandTracks
+from hilbridge.rows import Look, Row, features_row, gaze_row, hands_row
 from hilbridge.runtime.health import FreezeProbe, SensorSeen, camera_seen, gaze_seen
 from scenarios.format.schema import Scenario
 from scenarios.lockstep.clock import WorldClock
@@ -18,26 +19,32 @@ _LIMITS = SensorsConfig()
 
 
 class Sight:
-    """The sensor data of one bridge process. A restarted process has a new one."""
+    """The sensor data of one bridge process. A restarted process has a new one. `record` is None where nobody does."""
 
-    def __init__(self, assembler: FeatureAssembler) -> None:
-        self._assembler = assembler
+    def __init__(self, assembler: FeatureAssembler, record: Callable[[Row], None] | None = None) -> None:
+        self._assembler, self._record = assembler, record
         self._sample: GazeSample | None = None
         self._vector: FeatureVector | None = None
         self._camera_ns: int | None = None
         self._gaze_ns: int | None = None
         self._freeze = FreezeProbe()
 
-    def take_frame(self, frame: CameraFrame, hands: HandTracks | None) -> None:
+    def take_frame(self, frame: CameraFrame, hands: HandTracks | None, now_ns: int) -> None:
         """The vision worker's step: a picture and the newest gaze become features."""
         self._freeze.look(frame)
         self._camera_ns = frame.captured_ns
         sample, self._sample = self._sample, None
         self._vector = self._assembler.update(frame, sample, hands, frame.captured_ns)
+        if self._record is not None:
+            if hands is not None:
+                self._record(hands_row(hands, now_ns))
+            self._record(features_row(Look(now_ns, self._vector, frame.sequence, sample, hands)))
 
-    def take_gaze(self, sample: GazeSample) -> None:
+    def take_gaze(self, sample: GazeSample, now_ns: int) -> None:
         """The newest point of regard."""
         self._sample, self._gaze_ns = sample, sample.captured_ns
+        if self._record is not None:
+            self._record(gaze_row(sample, now_ns))
 
     def take_vector(self) -> FeatureVector | None:
         """The newest features, if they were not taken yet."""
@@ -77,7 +84,8 @@ class VirtualSenses:
     def see(self, frame: CameraFrame, sight: Sight | None) -> None:
         """A picture goes to the process that ran when it was taken, or to none."""
         if sight is not None and sight is self.sight and self._is_running():
-            sight.take_frame(frame, detected(self._hands, self._body, frame.captured_ns))
+            hands = detected(self._hands, self._body, frame.captured_ns)
+            sight.take_frame(frame, hands, self._clock.time_ns)
 
     def _glance(self) -> None:
         now_ns, sight = self._clock.time_ns, self.sight
@@ -88,4 +96,4 @@ class VirtualSenses:
 
     def _note_gaze(self, sample: GazeSample, sight: Sight | None) -> None:
         if sight is not None and sight is self.sight and self._is_running():
-            sight.take_gaze(sample)
+            sight.take_gaze(sample, self._clock.time_ns)

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from hilbridge.rows import MetaRow, TickRow
-from scenarios.format.schema import Scenario
+import hilbridge
+from hilbridge.rows import MetaRow, Row, TickRow
+from hilbridge.runtime.provenance import bundle_row, config_row, revision
+from scenarios.format.schema import Scenario, Session
 from scenarios.signals.bridge import BRIDGE_AT_REST
 from scenarios.signals.device import DEVICE_AT_REST
 from scenarios.signals.trace import Trace
@@ -24,18 +26,30 @@ class Run:
     scenario: Scenario
 
 
-def meta_row(scenario: Scenario, bus: str | None = None, start_ns: int | None = None) -> MetaRow:
-    """Which scenario a recording is of; a live one names its bus, and its time 0 on the monotonic clock."""
-    gate = parts_of(scenario).gate
-    return MetaRow(
+def first_rows(scenario: Scenario, bus: str | None = None, start_ns: int | None = None) -> tuple[Row, ...]:
+    """What a scenario's recording begins with; a live one names its bus, and its time 0 on the monotonic clock."""
+    parts = parts_of(scenario)
+    meta = MetaRow(
         0,
         bus=bus,
-        tau_on=gate.tau_on,
-        tau_off=gate.tau_off,
+        tau_on=parts.gate.tau_on,
+        tau_off=parts.gate.tau_off,
         scenario=scenario.name,
         seed=scenario.seed,
         start_ns=start_ns,
+        version=hilbridge.__version__,
+        revision=revision(),
     )
+    settings = scenario.model_dump(mode="json", by_alias=True, exclude={"expect", "sweep"}, exclude_none=True)
+    return meta, config_row({"scenario": settings}, parts, 0), bundle_row(parts, 0, _intent(scenario))
+
+
+def _intent(scenario: Scenario) -> str:
+    """Where beliefs come from, in the words of BundleRow."""
+    if isinstance(scenario.intent, tuple):
+        return "script"
+    recorded = isinstance(scenario.intent, Session) and scenario.intent.replays_beliefs
+    return "recording" if recorded else "predictor"
 
 
 def initial_values(scenario: Scenario) -> dict[str, float | str | bool]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from hilbridge.rows import FaultRow
 from scenarios.format.schema import Step
 
 FOREVER_NS = 1 << 62
@@ -25,6 +26,13 @@ class Active:
 
     def __getitem__(self, option: str) -> float:
         return self.step.options[option]
+
+
+def fault_row(number: int, active: Active, now_ns: int, *, begins: bool) -> FaultRow:
+    """A fault of step `number` as a row."""
+    step = active.step
+    target = step.fault.partition(".")[0]
+    return FaultRow(now_ns, step.fault, target, begins, number, active.effects, dict(step.options))
 
 
 @dataclass(slots=True)

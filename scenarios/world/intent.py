@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from hilbridge.intent.predictor import Predictor
 from hilbridge.records import FeatureVector, IntentEstimate
-from hilbridge.runtime.node import Predicts
+from hilbridge.runtime.deciding import Predicts
 from hilbridge.verbs import VERBS
 from scenarios.format.schema import Estimate, Scenario, Session
 from scenarios.world.parts import bundle
-from scenarios.world.recorded import Replayed
+from scenarios.world.replayed import Believed
 
 NOTHING = 1.0 / len(VERBS)
 
@@ -38,6 +38,6 @@ def make_predictor(scenario: Scenario, start_ns: int = 0) -> Predicts:
     """The scenario's source of intent; `start_ns` is its beginning on the caller's clock."""
     if isinstance(scenario.intent, tuple):
         return Scripted(scenario.intent, start_ns)
-    if isinstance(scenario.intent, Session) and scenario.intent.recording is not None:
-        return Replayed(scenario.intent, scenario.duration, bundle().bundle_id, start_ns)
+    if isinstance(scenario.intent, Session) and scenario.intent.replays_beliefs:
+        return Believed(scenario.intent, scenario.duration, bundle().bundle_id, start_ns)
     return Predictor(bundle())

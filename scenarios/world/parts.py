@@ -28,4 +28,4 @@ def parts_of(scenario: Scenario) -> Parts:
     """The scenario's parts; thresholds are settled by the rule of live runs. Raises InputError."""
     asked = scenario.gate
     gate = gate_config(GateSection(tau_on=asked.tau_on, tau_off=asked.tau_off, alpha=asked.alpha), bundle())
-    return Parts(bundle(), replace(gate, refractory_ns=asked.refractory), codec())
+    return Parts(bundle(), replace(gate, refractory_ns=asked.refractory), codec(), demo_bundle_path())

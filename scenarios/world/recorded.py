@@ -1,11 +1,10 @@
-"""A recorded session in the wearer's place: features of a pack, beliefs of an earlier run, or video and gaze.
+"""A recorded session in the wearer's place: features of a pack, or video and gaze.
 
-All are functions of the scenario's time, so that lockstep runs repeat to the byte.
+All are functions of the scenario's time, so that lockstep runs repeat to the byte. Recordings: `world.replayed`.
 """
 
 from __future__ import annotations
 
-from bisect import bisect_right
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
@@ -19,24 +18,20 @@ from hilbridge.errors import InputError
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import STEP_NS, drop_modality
 from hilbridge.features.packs import read_pack
-from hilbridge.observe.reading import read_recording
 from hilbridge.records import (
     CameraFrame,
     FeatureVector,
     GazeSample,
     Hand,
     HandTracks,
-    IntentEstimate,
     Modality,
     StampSource,
 )
-from hilbridge.rows import TickRow
 from hilbridge.runtime.account.judge import Mind
 from hilbridge.sensors.gaze import open_gaze
 from hilbridge.sensors.hands import HandDetector
 from hilbridge.sensors.models import hand_model_path
-from hilbridge.verbs import VERBS
-from scenarios.format.schema import Scenario, Session
+from scenarios.format.schema import Session
 
 _GREY = np.full((72, 96, 3), 128, np.uint8)
 _BLANK, _ONLY_GREY = np.zeros((72, 96), np.uint8), np.full((1, 3), 128, np.uint8)  # the same, drawn
@@ -54,13 +49,13 @@ class Person(Protocol):
     def truth(self, t_ns: int) -> Mind | None: ...
 
 
-class _Recorded:
+class Unlabelled:
     def truth(self, t_ns: int) -> Mind | None:
         """None: the intention of a recorded wearer is not known."""
         return None
 
 
-class Unseen(_Recorded):
+class Unseen(Unlabelled):
     """The person of a session whose features are recorded: every sensor delivers samples without content."""
 
     def frame(self, t_ns: int) -> CameraFrame:
@@ -73,7 +68,7 @@ class Unseen(_Recorded):
         return HandTracks(t_ns, (Hand(0.5, 0.6, 1.0),))
 
 
-class Filmed(_Recorded):
+class Filmed(Unlabelled):
     """A session's video and gaze, and hands where they are looked for."""
 
     def __init__(self, session: Session, duration_ns: int) -> None:
@@ -82,9 +77,9 @@ class Filmed(_Recorded):
         assert session.gaze is not None
         self._from_ns = session.from_
         self._video = Video(Path(session.video))
-        _long_enough(f"video {session.video}", self._video.duration_ns, session.from_, duration_ns)
+        long_enough(f"video {session.video}", self._video.duration_ns, session.from_, duration_ns)
         self._gaze = open_gaze(Path(session.gaze))
-        _long_enough(f"gaze {session.gaze}", int(self._gaze.time_ns[-1]), session.from_, duration_ns)
+        long_enough(f"gaze {session.gaze}", int(self._gaze.time_ns[-1]), session.from_, duration_ns)
         if session.hands and not hand_model_path().is_file():
             raise InputError(f"hand model {hand_model_path()}: not there; get it once with `hilbridge fetch-models`")
         self._detector: HandDetector | None = None  # made by the thread that looks for hands: it wants one thread
@@ -167,7 +162,7 @@ class PackAssembler(FeatureAssembler):
         except BadZipFile:
             raise InputError(f"{session.features}: not a whole feature pack; extract it again") from None
         self._from_ns = session.from_
-        _long_enough(f"features {session.features}", len(self._values) * STEP_NS, session.from_, duration_ns)
+        long_enough(f"features {session.features}", len(self._values) * STEP_NS, session.from_, duration_ns)
 
     def update(
         self, frame: CameraFrame | None, gaze: GazeSample | None, hands: HandTracks | None, now_ns: int
@@ -182,71 +177,11 @@ class PackAssembler(FeatureAssembler):
         return replace(seen, values=values, valid=(bool(valid[0]), bool(valid[1]), bool(valid[2])))
 
 
-class Replayed:
-    """Gives the estimates of an earlier run at the same times, whatever the sensors see."""
-
-    def __init__(self, session: Session, duration_ns: int, bundle_id: int, start_ns: int = 0) -> None:
-        """Raises InputError for a file that is absent, cut off, too short, or not the recording of a run."""
-        assert session.recording is not None
-        name = f"recording {session.recording}"
-        rows = [row for row in read_recording(Path(session.recording), (TickRow.topic,)) if isinstance(row, TickRow)]
-        if not rows:
-            raise InputError(f"{name}: has no /tick rows; name the recording of a run or of a scenario")
-        begin_ns = rows[0].time_ns
-        self._times = [row.time_ns - begin_ns for row in rows]
-        try:
-            self._beliefs = [_belief(row) for row in rows]
-        except ValueError as error:
-            raise InputError(f"{name}: a /tick row cannot be read ({error}); record it again") from None
-        _long_enough(name, self._times[-1] + STEP_NS, session.from_, duration_ns)
-        self._offset_ns = session.from_ - start_ns
-        self._bundle_id = bundle_id
-
-    def step(self, vector: FeatureVector, produced_ns: int) -> IntentEstimate | None:
-        """The estimate at that time; None where there was none yet."""
-        row = bisect_right(self._times, produced_ns + self._offset_ns) - 1
-        belief = self._beliefs[row] if row >= 0 else None
-        if belief is None:
-            return None
-        probabilities, verb, confidence = belief
-        return IntentEstimate(
-            vector.oldest_input_ns, produced_ns, probabilities, verb, confidence, self._bundle_id, vector.valid
-        )
-
-    def reset(self) -> None: ...
-
-
-def _belief(row: TickRow) -> tuple[tuple[float, ...], int, float] | None:
-    """The three likeliest verbs as recorded; what is left is spread over the others."""
-    top = [(VERBS.index(verb), float(probability)) for verb, probability in row.top]
-    if not top:
-        return None
-    rest = max(0.0, 1.0 - sum(probability for _, probability in top)) / (len(VERBS) - len(top))
-    named = dict(top)
-    probabilities = tuple(named.get(index, rest) for index in range(len(VERBS)))
-    return probabilities, top[0][0], top[0][1] if row.top_confidence is None else row.top_confidence
-
-
-def _long_enough(name: str, has_ns: int, from_ns: int, duration_ns: int) -> None:
+def long_enough(name: str, has_ns: int, from_ns: int, duration_ns: int) -> None:
+    """Raises InputError for a session that ends before the scenario."""
     # The last picture or sample of a recording stands until the next would have come.
     if has_ns + STEP_NS < from_ns + duration_ns:
         raise InputError(
             f"{name}: lasts {has_ns / 1e9:.2f} s, the scenario needs {(from_ns + duration_ns) / 1e9:.2f} s of it; "
             "make `duration` or `from` shorter"
         )
-
-
-def recorded_person(scenario: Scenario) -> Person | None:
-    """Who stands before the sensors, where that is a recorded session; else None. Raises InputError."""
-    session = scenario.intent
-    if not isinstance(session, Session) or session.recording is not None:
-        return None
-    return Unseen() if session.features is not None else Filmed(session, scenario.duration)
-
-
-def make_assembler(scenario: Scenario) -> FeatureAssembler:
-    """The feature chain, or a pack in its place. Raises InputError."""
-    session = scenario.intent
-    if isinstance(session, Session) and session.features is not None:
-        return PackAssembler(session, scenario.duration)
-    return FeatureAssembler()

@@ -20,7 +20,8 @@ from hilbridge.wearer.person import Tremor, Wearer
 from hilbridge.wearer.timeline import BENCHMARK, DEMO
 from scenarios.format.schema import Scenario, Session
 from scenarios.world.fault_board import Active, FaultBoard
-from scenarios.world.recorded import Filmed, Person, recorded_person
+from scenarios.world.recorded import Filmed, Person
+from scenarios.world.replayed import recorded_person
 
 T = TypeVar("T", CameraFrame, GazeSample, HandTracks)
 

@@ -8,8 +8,9 @@ import pytest
 from mcap.reader import make_reader
 
 from hilbridge.errors import InputError
+from hilbridge.observe.background import BackgroundRecording
 from hilbridge.observe.reading import read_recording
-from hilbridge.observe.recording import BackgroundRecording, Recording
+from hilbridge.observe.recording import Recording
 from hilbridge.rows import CanRow, Direction, EventRow, MetaRow
 
 FRAME = CanRow(1, Direction.RX, 96, b"\x00\xff")
@@ -85,7 +86,7 @@ def test_rows_after_a_full_disk_are_counted_and_what_was_written_stays(tmp_path:
     def full() -> None:
         raise OSError(28, "No space left on device")
 
-    recording._recording.flush = full  # type: ignore[method-assign]
+    recording._recording.current.flush = full  # type: ignore[method-assign]
     for second in range(5):
         recording.write(EventRow(second * 10**9, "row"))
     with pytest.raises(InputError, match=r"No space left.*rows were lost.*disk full"):

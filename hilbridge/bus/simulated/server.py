@@ -30,11 +30,16 @@ NS_PER_S = 1_000_000_000
 DEFAULT_LINGER_S = 1.0  # a bus on which nobody is left is gone within two seconds
 _FIRST_CLIENT_WAIT_S = 30.0
 _RECORDS_PER_READ = 4
-_STRANGERS_PER_TURN = 8
+_STRANGERS_PER_TURN = 4
 _TURN_S = 0.1
-_TURN_WORK_NS = 500_000  # of reading, and of the bus's catching up: who has just come waits for one of each
+_READ_WORK_NS = 250_000  # in one turn: who has just come waits for no more than that, and for
+_BUS_WORK_NS = 500_000  # so much of the bus's catching up
+_NO_REST_NS = 2_000_000
+_REST_NS = 200_000
 _SWEEP_NS = 50_000_000
-_BEHIND_LIMIT_NS = 250_000_000
+_MADE_GOOD_WITHIN_NS = 2_000_000  # of work: what every queue holds after a stall takes less
+_OVERLOAD_NS = 5_000_000_000  # from then on nothing is made good, and the bus moves on by a frame a turn
+_OVERLOAD_STEP_NS = 150_000
 _PR_SET_TIMERSLACK = 29
 _WAKE_EARLY_NS = 60_000
 _CLOSING_LIMIT_NS = 100_000_000  # a client that has gone may still send what it had queued, but not for ever
@@ -65,8 +70,10 @@ class BusServer:
         self._orphaned = orphaned
         self._stopped = False
         self._reached_ns = 0  # of the bus's own time
-        self._is_behind = False
+        self._behind_since_ns: int | None = None
+        self._overloaded_until_ns = 0
         self._sweep_ns = 0
+        self._rested_ns = 0
 
     def stop(self) -> None:
         """Leave `run` at its next turn (from another thread: at most a tenth of a second later)."""
@@ -83,7 +90,7 @@ class BusServer:
                 self._drop_closed(now_ns)
                 if now_ns >= self._sweep_ns:
                     self._sweep(now_ns)
-                self._serve_ready(self._reception.watch.wait(self._pause_s()))
+                self._serve_ready(self._wait())
         finally:
             self._reception.close()
 
@@ -98,10 +105,23 @@ class BusServer:
 
     def _pause_s(self) -> float:
         # A sleep ends late by some ten microseconds, a frame lasts a quarter millisecond: wake early, then look often.
-        if self._is_behind:
+        if self._behind_since_ns is not None:
             return 0.0
         left_ns = self.medium.due_ns + self._traffic.slip_ns - self._clock() - _WAKE_EARLY_NS
         return min(_TURN_S, max(0, left_ns) / NS_PER_S)
+
+    def _wait(self) -> list[tuple[socket.socket, int, Client | None]]:
+        """Until somebody wants something or the bus moves. A flood does not keep this process from all rest: the kernel
+        would stop one in real time for a twentieth of every second, in one piece."""
+        began_ns = self._clock()
+        ready = self._reception.watch.wait(self._pause_s())
+        now_ns = self._clock()
+        if now_ns - began_ns >= _REST_NS:
+            self._rested_ns = now_ns
+        elif now_ns - self._rested_ns > _NO_REST_NS:
+            time.sleep(_REST_NS / NS_PER_S)
+            self._rested_ns = self._clock()
+        return ready
 
     def _sweep(self, now_ns: int) -> None:
         self._sweep_ns = now_ns + _SWEEP_NS
@@ -125,7 +145,7 @@ class BusServer:
                 self._read_client(stream, client)
             before_ns, at_ns = at_ns, self._clock()
             client.spent_ns += at_ns - before_ns
-            if at_ns - began_ns > _TURN_WORK_NS:
+            if at_ns - began_ns > _READ_WORK_NS:
                 break
         reception = self._reception
         strangers = [stream for stream, _, client in ready if client is None]
@@ -162,9 +182,7 @@ class BusServer:
         now_ns = self._clock()
         if record.kind == Kind.FRAME:
             self._dispatch(now_ns)
-            result = self.medium.send(
-                client.node, record_frame(record), record.sequence, now_ns - self._traffic.slip_ns
-            )
+            result = self.medium.send(client.node, record_frame(record), record.sequence, self._bus_now_ns(now_ns))
             if result is not Enqueued.QUEUED:
                 self._reception.refused[result] += 1
                 self._traffic.credit(client.node, record.sequence, result)
@@ -181,7 +199,7 @@ class BusServer:
             self._reception.refused["records of no meaning"] += 1
 
     def _answer(self, client: Client, request: bytes, now_ns: int) -> None:
-        given = answer(self.medium, client.node, request, now_ns - self._traffic.slip_ns)
+        given = answer(self.medium, client.node, request, self._bus_now_ns(now_ns))
         if "error" in given:
             self._reception.refused["requests"] += 1
         if "nodes" in given:
@@ -193,30 +211,37 @@ class BusServer:
 
     def _dispatch(self, now_ns: int) -> None:
         """Let the bus catch up before and after a frame; once it is behind, only once a turn."""
-        if not self._is_behind:
+        if self._behind_since_ns is None:
             self._catch_up(now_ns)
 
-    def _catch_up(self, now_ns: int) -> None:
-        """Let the bus catch up with the clock, for a turn's worth of work at most; how far it may be behind is limited.
+    def _bus_now_ns(self, now_ns: int) -> int:
+        """The present on the bus: the clock's, unless the bus cannot keep up with it."""
+        if now_ns < self._overloaded_until_ns:
+            self._traffic.slip_ns = max(self._traffic.slip_ns, now_ns - self._reached_ns - _OVERLOAD_STEP_NS)
+        return now_ns - self._traffic.slip_ns
 
-        Faults can ask for more than this computer can carry out in time. Then the bus's time slips, and everybody is
-        still served.
+    def _catch_up(self, now_ns: int) -> None:
+        """Let the bus catch up with the clock, for a turn's worth of work at most.
+
+        A stall is made good. But faults and crowds can ask for more than this computer can carry out in time: then the
+        bus's own time slips, so that whoever has something urgent does not wait for what is left undone.
         """
-        target_ns = now_ns - self._traffic.slip_ns
-        until_ns = self._clock() + _TURN_WORK_NS
+        target_ns = self._bus_now_ns(now_ns)
+        until_ns = self._clock() + _BUS_WORK_NS
         while True:
             self._reached_ns, events = self.medium.advance_to_event(target_ns)
             for event in events:
                 self._traffic.carry(event)
             if self._reached_ns >= target_ns and self.medium.due_ns > target_ns:
-                self._is_behind = False
+                self._behind_since_ns = None
                 return
-            if self._clock() > until_ns:
+            at_ns = self._clock()
+            if at_ns > until_ns:
                 break
-        self._is_behind = True
-        late_ns = target_ns - self._reached_ns - _BEHIND_LIMIT_NS
-        if late_ns > 0:
-            self._traffic.slip_ns += late_ns
+        if self._behind_since_ns is None:
+            self._behind_since_ns = at_ns
+        if at_ns - self._behind_since_ns > _MADE_GOOD_WITHIN_NS or at_ns < self._overloaded_until_ns:
+            self._overloaded_until_ns = at_ns + _OVERLOAD_NS
 
     def _drop_closed(self, now_ns: int) -> None:
         for node, client in list(self._by_node.items()):

@@ -22,8 +22,9 @@ from hilbridge.errors import InputError
 from hilbridge.priority import use_realtime_scheduling
 from hilbridge.rows import CountersRow, EventRow, Row, encode
 from hilbridge.runtime.account.judge import judge_by
-from hilbridge.runtime.assemble import build_node, meta_row
+from hilbridge.runtime.assemble import build_node
 from hilbridge.runtime.live import LiveBridge
+from hilbridge.runtime.provenance import first_rows
 from scenarios.format.schema import Scenario
 from scenarios.live.bridge.port import TappedPort
 from scenarios.live.bridge.senses import edge_senses
@@ -103,7 +104,8 @@ class BridgeProcess:
             self._live = LiveBridge(
                 node, port, senses, self._log.write, judge=judge, on_tick=lambda row: self._note_effects()
             )
-            self._log.write(meta_row(Config(bus=bus), parts, port, self._scenario.name, time.monotonic_ns()))
+            for row in first_rows(Config(bus=bus), parts, port, self._scenario.name, time.monotonic_ns()):
+                self._log.write(row)
             threading.Thread(target=self._obey, args=(asyncio.get_running_loop(),), daemon=True).start()
             use_realtime_scheduling()
             await asyncio.sleep(max(0.0, (epoch_ns - time.monotonic_ns()) / 1e9))

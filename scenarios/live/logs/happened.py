@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from hilbridge.rows import Row, TickRow
+from hilbridge.rows import FaultRow, Row, TickRow
 from scenarios.signals.device import DeviceLine
 
 
@@ -18,6 +18,7 @@ class Happened:
     bridge_rows: list[Row] = field(default_factory=list)
     fault_signals: list[tuple[int, dict[str, bool]]] = field(default_factory=list)
     events: list[tuple[int, str]] = field(default_factory=list)
+    faults: list[FaultRow] = field(default_factory=list)
     away: list[tuple[int, str]] = field(default_factory=list)
     died: list[str] = field(default_factory=list)
     device_summary: dict[str, Any] = field(default_factory=dict)

@@ -1,6 +1,7 @@
 """An honest pair of clients on a bus under attack: one frame there and one back, and a question to the bus, over and over.
 
-`python -m tests.safety.server.honest NAME` measures until its standard input ends, then prints one JSON object.
+`python -m tests.safety.server.honest NAME [questions]` measures until its standard input ends, then prints one JSON object;
+with `questions` no frames, for a bus on which none can pass.
 """
 
 from __future__ import annotations
@@ -22,32 +23,34 @@ _PAUSE_S = 0.005
 _PATIENCE_S = 5.0
 
 
-def take(client: BusClient, wanted: WireFrame) -> bool:
-    """Whether this frame arrives; others' are passed over."""
+def take(pair: tuple[BusClient, BusClient], reader: BusClient, wanted: WireFrame) -> bool:
+    """Whether `reader` gets this frame; both read whatever others send, as clients do that live on a bus."""
     until_s = time.monotonic() + _PATIENCE_S
-    while client.wait_readable(max(0.0, until_s - time.monotonic())):
-        arrival = client.receive()
-        if arrival is not None and arrival.frame == wanted:
-            return True
+    while (left_s := until_s - time.monotonic()) > 0:
+        for client in select.select(pair, [], [], left_s)[0]:
+            arrival = client.receive()
+            if client is reader and arrival is not None and arrival.frame == wanted:
+                return True
     return False
 
 
-def drain(client: BusClient) -> None:
+def drain(pair: tuple[BusClient, BusClient]) -> None:
     """Pass over what others have sent meanwhile."""
-    while client.receive() is not None:
-        pass
+    for client in pair:
+        while client.receive() is not None:
+            pass
 
 
 def frame_trip_ms(one: BusClient, other: BusClient) -> float | None:
     """There and back in ms; None where it has not come back."""
-    drain(one)
-    drain(other)
+    pair = one, other
+    drain(pair)
     began_s = time.monotonic()
     one.send(PING, _PATIENCE_S)
-    if not take(other, PING):
+    if not take(pair, other, PING):
         return None
     other.send(PONG, _PATIENCE_S)
-    return (time.monotonic() - began_s) * 1e3 if take(one, PONG) else None
+    return (time.monotonic() - began_s) * 1e3 if take(pair, one, PONG) else None
 
 
 def question_ms(client: BusClient) -> float | None:
@@ -67,7 +70,7 @@ def summary(times: list[float | None]) -> dict[str, float]:
     return {"count": len(times), "lost": len(times) - len(good), "p50_ms": at(0.5), "p99_ms": at(0.99)}
 
 
-def main(name: str) -> None:
+def main(name: str, *, with_frames: bool) -> None:
     """Measure until nobody wants more."""
     use_realtime_scheduling()  # as the bridge and the device do
     one, other = BusClient(name, node="honest one", start=False), BusClient(name, node="honest other", start=False)
@@ -75,10 +78,12 @@ def main(name: str) -> None:
     questions: list[float | None] = []
     print("attached", flush=True)
     while not select.select([sys.stdin], [], [], _PAUSE_S)[0]:
-        frames.append(frame_trip_ms(one, other))
+        if with_frames:
+            frames.append(frame_trip_ms(one, other))
+        drain((one, other))
         questions.append(question_ms(one))
     print(json.dumps({"frames": summary(frames), "questions": summary(questions)}), flush=True)
 
 
 if __name__ == "__main__":
-    main(sys.argv[1])
+    main(sys.argv[1], with_frames="questions" not in sys.argv[2:])

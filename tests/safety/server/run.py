@@ -52,8 +52,8 @@ class Attacked:
             self.address = client._receive.getpeername()
         self.before_mb = self.peak_mb = self.memory_mb()
 
-    def _honest(self) -> subprocess.Popen[str]:
-        command = [sys.executable, "-m", "tests.safety.server.honest", self.name]
+    def _honest(self, *options: str) -> subprocess.Popen[str]:
+        command = [sys.executable, "-m", "tests.safety.server.honest", self.name, *options]
         honest = subprocess.Popen(command, cwd=ROOT, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True)
         assert honest.stdout is not None
         honest.stdout.readline()
@@ -77,9 +77,9 @@ class Attacked:
         found: dict[str, Any] = json.loads(said)
         return found
 
-    def again(self) -> None:
+    def again(self, *options: str) -> None:
         """A new honest pair for the next kind of attack."""
-        self.honest = self._honest()
+        self.honest = self._honest(*options)
 
     def end(self) -> bool:
         """Whether the server still lives and serves; it is ended afterwards."""
@@ -214,7 +214,7 @@ def run(scale: Scale) -> list[Row]:
     figure = f"{patterns} patterns, {refused} refused"
     rows += [Row("server", "hostile connections", figure, True)]
     rows += _measured(bus.honest_found(), scale, ("frames", "questions"))
-    bus.again()
+    bus.again("questions")
     wild = scale.of(100_000, 1_000)
     asked, answered = fuzz(bus, wild, scale.seed, wild=True)
     figure = f"{wild}, {asked - answered} without"

@@ -1,0 +1,133 @@
+"""From features to a decision: predictor, vetoes in their order, gate. Without clock or I/O; replay steps this very code.
+
+What it is told is what a recording keeps of each tick: the features if there are new ones, the first sensor problem, the
+bus's reason to hold, an overrun, the time. So the same recording and bundle give the same decisions to the last bit.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple, Protocol
+
+from hilbridge.core import gate
+from hilbridge.core.bridge import Command, sendable, sensing_age_ms
+from hilbridge.core.gate import GateConfig, GateState
+from hilbridge.core.sensing import Sensing
+from hilbridge.limits import GAP_NS
+from hilbridge.records import FeatureVector, GateDecision, HoldReason, IntentEstimate
+
+# Nothing about the device goes before these two: a stop, and a fault that asks for somebody's hand.
+_FIRST = frozenset({HoldReason.STOPPED, HoldReason.DEVICE_FAULT})
+_UNSEEN = (False, False, False)
+
+
+class Predicts(Protocol):
+    """What intent.predictor.Predictor provides."""
+
+    def step(self, vector: FeatureVector, produced_ns: int) -> IntentEstimate | None: ...
+
+    def reset(self) -> None: ...
+
+
+class GuardsAgainstTremor(Protocol):
+    """What intent.tremor.TremorGuard provides."""
+
+    def update(self, vector: FeatureVector) -> bool: ...
+
+
+class Told(NamedTuple):
+    """What one tick is told. `vector`: the newest features not yet seen, or None. `problem`: of a sensor, in words."""
+
+    vector: FeatureVector | None
+    problem: str | None
+    outside: HoldReason
+    overrun: bool
+    now_ns: int
+
+
+class Decider:
+    """Everything that decisions depend on between ticks."""
+
+    def __init__(self, predict: Predicts, gate_config: GateConfig, tremor_guard: GuardsAgainstTremor) -> None:
+        self.gate_config = gate_config
+        self.gate_state = GateState()
+        self.sensing = Sensing()
+        self.estimate: IntentEstimate | None = None
+        self.vector: FeatureVector | None = None
+        self.tremor = False
+        self._predict = predict
+        self._tremor_guard = tremor_guard
+        self._gap: HoldReason | None = None
+
+    def step(self, told: Told) -> GateDecision:
+        """One 25 Hz tick: the gate's wish."""
+        now_ns = told.now_ns
+        torn = told.vector is not None and self._take(told.vector, now_ns)
+        self._gap = self._why_blind(told, torn)
+        self.sensing = self.sensing.step(self._gap, now_ns)
+        self.gate_state, decision = gate.step(
+            self.gate_config, self.gate_state, self.estimate, now_ns, self._veto(told), blind=self._gap
+        )
+        return decision
+
+    @property
+    def seeing(self) -> FeatureVector | None:
+        """The features that stand for what is seen; None where sensing cannot be believed.
+
+        A window that only fills up, and an estimate that is absent, say nothing against what the sensors saw.
+        """
+        return self.vector if self._gap in (None, HoldReason.WARMING_UP) else None
+
+    @property
+    def oldest_input_ns(self) -> int | None:
+        """Stamp of the oldest input of what is seen; sensing that cannot be believed has no age."""
+        return None if self.seeing is None else self.seeing.oldest_input_ns
+
+    @property
+    def valid(self) -> tuple[bool, bool, bool]:
+        """Which modalities of what is seen are valid."""
+        return _UNSEEN if self.seeing is None else self.seeing.valid
+
+    def _take(self, vector: FeatureVector, now_ns: int) -> bool:
+        """New features into the predictor; whether there is a gap between them and the ones before."""
+        torn = self.vector is not None and not 0 < vector.captured_ns - self.vector.captured_ns <= GAP_NS
+        if torn:
+            self._predict.reset()
+        self.vector = vector
+        self.estimate = self._predict.step(vector, now_ns)
+        self.tremor = self._tremor_guard.update(vector)
+        return torn
+
+    def _why_blind(self, told: Told, torn: bool) -> HoldReason | None:
+        """Why sensing is not whole in this tick; asked whatever else forbids ACT."""
+        if told.overrun:
+            return HoldReason.OVERRUN
+        if told.problem is not None:
+            return HoldReason.SENSOR_MISSING
+        if torn or (self.vector is not None and self.estimate is None):
+            return HoldReason.WARMING_UP
+        return gate.estimate_problem(self.gate_config, self.estimate, told.now_ns)
+
+    def _veto(self, told: Told) -> HoldReason | None:
+        """The first reason to hold outside the gate, a cause before what follows from it."""
+        if told.outside in _FIRST:
+            return told.outside
+        unearned = self.sensing.objection(told.now_ns)
+        if unearned is not None:
+            return unearned
+        if told.outside is not HoldReason.NONE:
+            return told.outside
+        return HoldReason.TREMOR if self.tremor else None
+
+
+def decided(decider: Decider, told: Told, before: Command) -> tuple[GateDecision, Command]:
+    """One tick without a bus: the decision as it is sent, and the command that the next tick comes after."""
+    wish = decider.step(told)
+    age_ms = sensing_age_ms(decider.oldest_input_ns, told.now_ns)
+    command = Command(*sendable(wish, told.outside, age_ms, before), told.now_ns)
+    return as_sent(wish, command), command
+
+
+def as_sent(wish: GateDecision, command: Command) -> GateDecision:
+    """The gate's wish as the bridge put it on the bus."""
+    verb_index = wish.verb_index if command.reason is HoldReason.NONE else None
+    return GateDecision(command.action, verb_index, wish.confidence, command.reason)
