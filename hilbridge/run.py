@@ -118,6 +118,9 @@ async def run_bridge(
     Raises InputError when the bus, the key or the senses cannot be used.
     """
     recording = BackgroundRecording(folder / RECORDING, SignalRows(parts.codec), _rotation(config.recording))
+    recording.on_failure = lambda why: watcher.notice(
+        f"recording {recording.path}: {why}; nothing is recorded any more"
+    )
     pictures = _pictures(config.recording, recording)
     begin_ns = time.monotonic_ns()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import queue
 import struct
 import threading
+from collections.abc import Callable
 from pathlib import Path
 
 from hilbridge.errors import InputError
@@ -29,6 +30,7 @@ class BackgroundRecording:
         self._thread = threading.Thread(target=self._drain, name="recording", daemon=True)
         self._failure: Exception | None = None
         self._discarded = False
+        self.on_failure: Callable[[str], None] = lambda why: None  # told once, in the writing thread
         self.lost_rows = 0
         self.lost_pictures = 0
         self._thread.start()
@@ -76,6 +78,7 @@ class BackgroundRecording:
                 self._recording.write(row)
             except (OSError, InputError, ValueError, TypeError, struct.error) as failure:
                 self._failure = failure
+                self.on_failure(str(failure))
         try:
             if self._discarded:
                 self._recording.discard()

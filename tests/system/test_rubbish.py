@@ -45,6 +45,8 @@ RUBBISH: dict[str, Callable[[Path], object]] = {
 COMMANDS: dict[str, tuple[typer.Typer, tuple[str, ...]]] = {
     "report": (cli.app, ("report", "{}")),
     "recover": (cli.app, ("recover", "{}")),
+    "replay": (cli.app, ("replay", "{}")),
+    "view": (cli.app, ("view", "{}", "--save", "{}.rrd")),
     "bus-analysis": (cli.app, ("bus-analysis", "{}")),
     "run camera": (cli.app, ("run", "--no-hands", "--seconds", "0.1", "--bus", "hilsim:rub", "--camera", "{}")),
     "run config": (cli.app, ("run", "--config", "{}")),
