@@ -15,11 +15,11 @@ from typing import Any, Protocol
 
 from hilbridge.config import Config, RecordingConfig
 from hilbridge.errors import InputError
-from hilbridge.observe.background import BackgroundRecording
+from hilbridge.observe.keeping.background import BackgroundRecording
+from hilbridge.observe.keeping.pictures import PictureFormat, Pictures
+from hilbridge.observe.keeping.retention import remove_old
 from hilbridge.observe.parts import Rotation
-from hilbridge.observe.pictures import PictureFormat, Pictures
 from hilbridge.observe.report import write_report
-from hilbridge.observe.retention import remove_old
 from hilbridge.observe.signals import SignalRows
 from hilbridge.observe.summary import Summary
 from hilbridge.priority import use_realtime_scheduling

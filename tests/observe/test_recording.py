@@ -12,8 +12,8 @@ from mcap.records import ChunkIndex
 from mcap.stream_reader import StreamReader
 
 from hilbridge.errors import InputError
-from hilbridge.observe import background
-from hilbridge.observe.background import BackgroundRecording
+from hilbridge.observe.keeping import background
+from hilbridge.observe.keeping.background import BackgroundRecording
 from hilbridge.observe.reading import read_recording
 from hilbridge.observe.recording import Recording
 from hilbridge.observe.signals import SignalRows

@@ -22,8 +22,8 @@ import numpy as np
 
 from hilbridge.config import BusConfig, Config, SensorsConfig
 from hilbridge.demo import DeviceProcess
-from hilbridge.observe.background import BackgroundRecording
-from hilbridge.observe.pictures import PictureFormat, Pictures
+from hilbridge.observe.keeping.background import BackgroundRecording
+from hilbridge.observe.keeping.pictures import PictureFormat, Pictures
 from hilbridge.observe.reading import read_recording
 from hilbridge.observe.signals import SignalRows
 from hilbridge.observe.summary import percentile
@@ -117,7 +117,9 @@ def main() -> int:
             for side in ("on", "off") if number % 2 else ("off", "on"):
                 command = [sys.executable, "-m", "tests.tools.recording_cost", "--one", side, "--folder", name]
                 command += ["--seconds", str(options.seconds)]
-                done = subprocess.run(command, capture_output=True, text=True, check=True)
+                # As the program itself does: a second BLAS thread only spins.
+                one_thread = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+                done = subprocess.run(command, capture_output=True, text=True, check=True, env=one_thread)
                 sides[side].append(json.loads(done.stdout.splitlines()[-1]))
                 print(side, {key: round(value, 2) for key, value in sides[side][-1].items()}, flush=True)
     least = {side: {key: min(run[key] for run in runs) for key in runs[0]} for side, runs in sides.items()}
