@@ -71,10 +71,10 @@ class BackgroundRecording:
         self._thread.join()
 
     def _drain(self) -> None:
-        take_level(Level.ORDINARY)
         ending = False
         while not ending:
             ending = self._ending.wait(_EVERY_S)  # what came before the end is written after it was asked for
+            take_level(Level.RECORDING)  # each time: a run asks for real time after its recording has begun
             self._write_waiting()
         try:
             if self._discarded:

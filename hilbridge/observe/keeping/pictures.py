@@ -107,8 +107,8 @@ class Pictures:
         self._thread.join()
 
     def _run(self) -> None:
-        take_level(Level.ORDINARY)
         while (offered := self._frames.get()) is not None:
+            take_level(Level.RECORDING)  # each time: a run asks for real time after its recording has begun
             try:
                 self._record(scene_row(*offered))
                 self._record(image_row(offered[0], self._form, offered[1]))
