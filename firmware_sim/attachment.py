@@ -18,6 +18,7 @@ _GIVES_BACK = ("udp_multicast",)
 _READS_AT_ONCE = 4096
 _RECEIVE_BUFFER = 4 * 1024 * 1024
 _REOPEN_NS = 100_000_000
+_LOOK_AGAIN_NS = 1_000_000_000  # at the wall clock, which somebody may set
 _ERROR_BUS_OFF = 0x040  # linux/can/error.h
 _ERROR_RESTARTED = 0x100
 
@@ -41,8 +42,8 @@ class Arrival(NamedTuple):
     frame: Received
 
 
-def _kernel_has(name: str) -> bool:
-    return sys.platform == "linux" and "/" not in name and bool(name) and Path("/sys/class/net", name).exists()
+def _kernel_has_vcan0() -> bool:
+    return sys.platform == "linux" and Path("/sys/class/net/vcan0").exists()
 
 
 def parse_spec(text: str) -> Spec:
@@ -51,7 +52,7 @@ def parse_spec(text: str) -> Spec:
     Virtual is what cannot reach a wire: the simulated bus, in-process buses, and vcan without a device behind it.
     """
     if text == "auto":
-        text = "vcan0" if _kernel_has("vcan0") else "hilsim:hilbridge"
+        text = "vcan0" if _kernel_has_vcan0() else "hilsim:hilbridge"
     interface, colon, channel = text.partition(":")
     if not colon:
         interface, channel = "socketcan", text
@@ -91,10 +92,9 @@ class Attachment:
         self.received = 0
         self.sent = 0
         self._last_ns = 0
-        self._retry_ns = 0
+        self._retry_ns: int | None = None  # when a bus that was lost may be opened anew; one that was closed never
         self._bus: can.BusABC | None = self._open()
-        self._wall_minus_mono_ns = 0
-        self._measured_ns = -(10**12)
+        self._wall: tuple[int, int] | None = None  # wall clock minus monotonic clock, and when that was looked at
 
     def _open(self) -> can.BusABC:
         try:
@@ -106,16 +106,16 @@ class Attachment:
             raw.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, _RECEIVE_BUFFER)
         return bus
 
-    def _lost(self, now_ns: int) -> None:
+    def _lost(self, bus: can.BusABC, now_ns: int) -> None:
         """An error from the driver. A SocketCAN socket outlives its link; anything else is opened anew."""
         self.link_errors += 1
-        if self.spec.interface != "socketcan" and self._bus is not None:
-            self._bus.shutdown()
+        if self.spec.interface != "socketcan":
+            bus.shutdown()
             self._bus = None
-        self._retry_ns = now_ns + _REOPEN_NS
+            self._retry_ns = now_ns + _REOPEN_NS
 
     def _ready(self, now_ns: int) -> can.BusABC | None:
-        if self._bus is None and now_ns >= self._retry_ns:
+        if self._bus is None and self._retry_ns is not None and now_ns >= self._retry_ns:
             try:
                 self._bus = self._open()
             except BusUnusable:
@@ -124,10 +124,9 @@ class Attachment:
 
     def _arrival_ns(self, message: can.Message, now_ns: int) -> int:
         """Kernel stamps are wall clock: shifted to the monotonic clock, never in the future, never out of order."""
-        if now_ns - self._measured_ns > 1_000_000_000:
-            self._wall_minus_mono_ns = time.time_ns() - time.monotonic_ns()
-            self._measured_ns = now_ns
-        stamp_ns = round(message.timestamp * 1e9) - self._wall_minus_mono_ns if message.timestamp else now_ns
+        if self._wall is None or now_ns - self._wall[1] > _LOOK_AGAIN_NS:
+            self._wall = time.time_ns() - time.monotonic_ns(), now_ns
+        stamp_ns = round(message.timestamp * 1e9) - self._wall[0] if message.timestamp else now_ns
         self._last_ns = max(self._last_ns, min(stamp_ns, now_ns))
         return self._last_ns
 
@@ -147,7 +146,7 @@ class Attachment:
                 frame = Received(message.arbitration_id, bytes(message.data), plain)
                 arrivals.append(Arrival(self._arrival_ns(message, now_ns), frame))
         except (can.CanError, OSError):
-            self._lost(now_ns)
+            self._lost(bus, now_ns)
         return arrivals
 
     def _error_frame(self, error_class: int) -> None:
@@ -170,7 +169,8 @@ class Attachment:
             self.dropped += 1
 
     def close(self) -> None:
-        """Leave the bus."""
+        """Leave the bus, for good."""
+        self._retry_ns = None
         if self._bus is not None:
             self._bus.shutdown()
             self._bus = None

@@ -1,4 +1,4 @@
-"""Controller, actuator and arm wired together, tick by tick, without a clock: node and scenarios run this very code."""
+"""Controller, actuator and arm, stepped together without a clock. The node and the scenarios run this same code."""
 
 from __future__ import annotations
 
@@ -12,17 +12,19 @@ from typing import Any
 from firmware_sim.controller import advance
 from firmware_sim.memory import ControllerState, Inputs, Received
 from firmware_sim.plant.actuator import LAG_S, Actuator
-from firmware_sim.plant.arm import Arm, wearer_torque
+from firmware_sim.plant.arm import ARM_WEIGHT_NM, CARRIED_SHARE, Arm, wearer_torque
 from firmware_sim.states import wire_name
 
 _TICK_S = 0.001
 _MDEG = math.degrees(1000.0)  # in one radian
 LOG_CYCLE_MS = 20
+# The torque sensor is zeroed on the resting arm, whose weight the wearer carries to this share.
+_CARRIED_UNM = 1e6 * CARRIED_SHARE * ARM_WEIGHT_NM
 Muscles = Callable[[Arm, float], float]  # torque in N m at a time in s
 
 
 class Device:
-    """One simulated device. Faults of the world are its plain attributes; its controller has to find them out."""
+    """One simulated device. Physical faults are plain attributes; the controller has to detect them."""
 
     def __init__(self, state: ControllerState, wearer: str | Muscles = "reach") -> None:
         """`state` is the controller at power-on; `wearer` one of plant.arm.WEARERS, or muscles of one's own."""
@@ -57,7 +59,7 @@ class Device:
         inputs.angle_mdeg = angle
         inputs.second_angle_mdeg = angle + self.encoder_offset_mdeg
         inputs.velocity_mdeg_s = round(arm.velocity * _MDEG)
-        inputs.user_torque_unm = round(wearer_nm * 1e6) - round(2.0e6 * 0.85 * sin(arm.angle))
+        inputs.user_torque_unm = round(wearer_nm * 1e6) - round(_CARRIED_UNM * sin(arm.angle))
         inputs.measured_unm = round(actuator.torque_nm * 1e6)
         inputs.commanded_unm = self._commanded_unm
         inputs.random_u32 = random_u32

@@ -7,6 +7,7 @@ which is copied with it. Integers throughout: ms of the device's own clock, mdeg
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from enum import IntEnum
 from typing import NamedTuple
 
 from firmware_sim.e2e import Receiver
@@ -26,6 +27,16 @@ COUNT_LOST = 27
 COUNT_OWN_ID = 28
 COUNTERS = 29
 ECHO_SLOTS = 16
+COMMAND_SLOTS = 5
+
+
+class Refusal(IntEnum):
+    """Why the last handshake came to nothing; NONE where it led to a session."""
+
+    NONE = 0
+    KEY = 1
+    DISTURBED = 2
+    LATE = 3
 
 
 class Received(NamedTuple):
@@ -59,6 +70,14 @@ class Inputs:
     tx_dropped: int = 0
 
 
+class Command(NamedTuple):
+    """An ACT_CMD with a right CRC, as it came; `waited` is whether it was an ACT that waited for its ACT_AUTH."""
+
+    arrived_ms: int
+    data: bytes
+    waited: bool = False
+
+
 class PendingAct(NamedTuple):
     """An ACT_CMD that passed every plain check and waits for its ACT_AUTH."""
 
@@ -76,7 +95,7 @@ class Challenge(NamedTuple):
     session: int
     bridge_nonce: int
     device_nonce: int
-    disturbed: bool = False  # it replaced one that answered another request
+    disturbed: bool = False  # more than one asked
 
 
 @dataclass(slots=True)
@@ -97,6 +116,7 @@ class ControllerState:
     # commands
     receivers: tuple[Receiver, ...] = (Receiver(),) * len(RECEIVED_IDS)
     pending: PendingAct | None = None
+    commands: tuple[Command, ...] = ()  # the last ones, refused ones too
     command_live: bool = False
     command_ms: int = 0
     command_is_hold: bool = False
@@ -112,6 +132,7 @@ class ControllerState:
     challenge: Challenge | None = None
     last_session: int = 0
     handshake_rest_ms: int = 0  # until then no request is answered
+    refusal: Refusal = Refusal.NONE
     clear_until_ms: int = 0
     # faults
     trips: tuple[int, ...] = ()

@@ -26,7 +26,7 @@ from firmware_sim.console import listen, read_terminal_politely, report_defect, 
 from firmware_sim.device import LOG_CYCLE_MS, Device
 from firmware_sim.frames import STOP, Reject
 from firmware_sim.keys import WRONG, KeyUnusable, load_key
-from firmware_sim.memory import COUNT_LOST, COUNT_STALL_TICKS, COUNT_TRIPS, ControllerState
+from firmware_sim.memory import COUNT_LOST, COUNT_STALL_TICKS, COUNT_TRIPS, ControllerState, Refusal
 from firmware_sim.plant.arm import WEARERS
 from firmware_sim.priority import use_realtime_scheduling
 from firmware_sim.states import wire_name
@@ -35,6 +35,11 @@ _TICK_NS = 1_000_000
 _WAKE_NS = 2 * _TICK_NS  # frames carry their time of arrival, so waking less often changes no tick
 _STALL_TICKS = 7
 _STALE_TICKS = 60  # what a tick further back wanted to send describes nothing any more
+_REFUSED = {
+    Refusal.KEY: "wrong MAC, the bridge has another key; give both the same --key-file",
+    Refusal.DISTURBED: "two asked at once, a second bridge or a stranger; the bridge tries again",
+    Refusal.LATE: "an answer too late, or to no challenge; the bridge tries again",
+}
 _COMMANDS = (
     "clear | overrun [MS] | stuck | gain X | lag MS | bias NM | mend | encoder MDEG | push NM | busoff | buson |"
     " restart | wrongkey | quit"
@@ -60,6 +65,7 @@ class Node:
         self._stop_ms: int | None = None
         self._random = b""
         self._awaited: str | None = None
+        self._refusal = Refusal.NONE
 
     def run(self, seconds: float | None) -> None:
         """Until `seconds` of the device's time have gone by, or a signal or `quit` arrives."""
@@ -103,8 +109,11 @@ class Node:
             self._log_tick(ends_ns)
 
     def _announce(self) -> None:
-        """Say what a latch or a stop waits for, when that changes."""
+        """Say why a handshake came to nothing, and what a latch or a stop waits for, when that changes."""
         state = self.device.state
+        if state.refusal != self._refusal:
+            self._refusal = state.refusal
+            say(f"handshake refused: {_REFUSED[state.refusal]}" if state.refusal else "handshake accepted")
         waits_for = awaited(state, state.last_tick_ms)
         if waits_for == self._awaited:
             return

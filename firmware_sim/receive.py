@@ -9,13 +9,16 @@ from __future__ import annotations
 from firmware_sim import e2e, frames, secoc, watchdogs
 from firmware_sim.frames import Reject
 from firmware_sim.memory import (
+    COMMAND_SLOTS,
     COUNT_LOST,
     COUNT_OWN_ID,
     ECHO_AGE_MAX_MS,
     Challenge,
+    Command,
     ControllerState,
     PendingAct,
     Received,
+    Refusal,
     count,
     reject,
 )
@@ -82,7 +85,11 @@ def _checked(state: ControllerState, frame: Received, now_ms: int) -> bool:
         count(state, COUNT_LOST, after.lost - before.lost)
     if result == e2e.ERROR:
         reject(state, Reject.CRC)
-    elif result == e2e.REPEATED:
+    elif frame.can_id == frames.ACT_CMD:
+        state.commands = (*state.commands, Command(now_ms, frame.data))[-COMMAND_SLOTS:]
+    elif frame.can_id == frames.ARM_REQUEST:
+        _asked(state, frame.data)
+    if result == e2e.REPEATED:
         reject(state, Reject.REPEATED)
     elif result == e2e.WRONG_SEQUENCE:
         reject(state, Reject.SEQUENCE)
@@ -90,6 +97,14 @@ def _checked(state: ControllerState, frame: Received, now_ms: int) -> bool:
         state.neutral = 0
         trip(state, Reason.E2E_INVALID, now_ms)
     return result in (e2e.OK, e2e.OK_SOME_LOST)
+
+
+def _asked(state: ControllerState, data: bytes) -> None:
+    """An ARM_REQUEST, also one that goes no further: of another nonce than the open challenge's it is somebody else's."""
+    why, values = frames.unpack(frames.ARM_REQUEST, data)
+    challenge = state.challenge
+    if challenge is not None and why == Reject.ACCEPTED and values[0] != challenge.bridge_nonce:
+        state.challenge = challenge._replace(disturbed=True)
 
 
 def _echo_age_ms(state: ControllerState, echo: int, now_ms: int) -> int | None:
@@ -134,6 +149,7 @@ def _act_cmd(state: ControllerState, data: bytes, values: tuple[int, ...], now_m
         fire(state, Event.HOLD, _HOLD_REASON[why], now_ms)
         return
     state.pending = PendingAct(now_ms, data, verb, data[2])
+    state.commands = (*state.commands[:-1], Command(now_ms, data, waited=True))
 
 
 def _why_not(state: ControllerState, verb: int, session: int, echo: int, age: int, now_ms: int) -> Reject:
@@ -178,20 +194,25 @@ def authorisation_missing(state: ControllerState, now_ms: int) -> None:
 def _act_auth(state: ControllerState, values: tuple[int, ...], now_ms: int) -> None:
     low_byte, mac = values
     pending = state.pending
-    if pending is None:
-        reject(state, Reject.AUTH_UNPAIRED)
-        return
-    if not watchdogs.fresh(pending.arrived_ms, now_ms, watchdogs.AUTH_LIMIT_MS):
+    if pending is not None and not watchdogs.fresh(pending.arrived_ms, now_ms, watchdogs.AUTH_LIMIT_MS):
         authorisation_missing(state, now_ms)
         return
-    state.pending = None
+    recent = tuple(one for one in state.commands if watchdogs.fresh(one.arrived_ms, now_ms, watchdogs.AUTH_LIMIT_MS))
+    crowded = len(recent) == COMMAND_SLOTS  # there may have been more: whose MAC this is cannot be known
     freshness = secoc.whole_freshness(low_byte, state.freshness)
-    if freshness > secoc.FRESHNESS_LIMIT or mac != secoc.act_mac(state.key, state.session, freshness, pending.data):
+    known = () if crowded or not state.armed or freshness > secoc.FRESHNESS_LIMIT else recent
+    meant = next((one for one in reversed(known) if mac == _act_mac(state, freshness, one.data)), None)
+    if meant is not None:
+        state.freshness = freshness
+    if pending is None or crowded or (meant is not None and meant.data != pending.data):
+        _disturbed_pair(state, meant, now_ms)
+        return
+    state.pending = None
+    if meant is None:
         reject(state, Reject.MAC)
         fire(state, Event.HOLD, Reason.AUTH_MISSING, now_ms)
         mac_failed(state, now_ms)
         return
-    state.freshness = freshness
     reject(state, Reject.ACCEPTED)
     _accept(state, pending.counter, False, pending.arrived_ms)
     if state.state == State.READY:
@@ -200,6 +221,22 @@ def _act_auth(state: ControllerState, values: tuple[int, ...], now_ms: int) -> N
         fire(state, Event.ACT, Reason.AUTHORISED, now_ms)
     else:
         fire(state, Event.VERB_CHANGE, Reason.VERB_CHANGE, now_ms)
+
+
+def _act_mac(state: ControllerState, freshness: int, act_cmd: bytes) -> int:
+    return secoc.act_mac(state.key, state.session, freshness, act_cmd)
+
+
+def _disturbed_pair(state: ControllerState, meant: Command | None, now_ms: int) -> None:
+    """The command that waits, if any, is not the one authorised: both count as HOLD, neither as a wrong MAC.
+
+    Where the one authorised had passed every plain check, whoever has the key is alive: it feeds the deadline as a HOLD.
+    """
+    reject(state, Reject.AUTH_UNPAIRED)
+    if state.pending is not None:
+        authorisation_missing(state, now_ms)
+    if meant is not None and meant.waited:
+        _accept(state, meant.data[2], True, meant.arrived_ms)
 
 
 def _heartbeat(state: ControllerState, values: tuple[int, ...], now_ms: int) -> None:
@@ -224,8 +261,8 @@ def _arm_request(state: ControllerState, values: tuple[int, ...], random_u32: in
     before = state.challenge
     disturbed = (
         before is not None
+        and before.disturbed
         and watchdogs.fresh(before.sent_ms, now_ms, watchdogs.CHALLENGE_LIMIT_MS)
-        and (before.bridge_nonce != bridge_nonce or before.disturbed)
     )
     state.last_session = state.last_session % 255 + 1
     state.challenge = Challenge(now_ms, purpose, state.last_session, bridge_nonce, random_u32, disturbed)
@@ -241,21 +278,23 @@ def _arm_response(state: ControllerState, values: tuple[int, ...], now_ms: int) 
         or not watchdogs.fresh(challenge.sent_ms, now_ms, watchdogs.CHALLENGE_LIMIT_MS)
     ):
         reject(state, Reject.HANDSHAKE)
+        state.refusal = Refusal.DISTURBED if challenge is not None and challenge.disturbed else Refusal.LATE
         return
     state.challenge = None
     key = secoc.session_key(state.shared_key, challenge.bridge_nonce, challenge.device_nonce, state.boot_nonce, session)
     expected = secoc.arm_mac(key, challenge.purpose, session, challenge.bridge_nonce, challenge.device_nonce)
     if mac != expected:
-        if (
-            challenge.disturbed
-        ):  # two asked at once: who answered may have meant the other challenge, with the right key
+        if challenge.disturbed:  # who answered may have meant the other challenge, with the right key
+            state.refusal = Refusal.DISTURBED
             reject(state, Reject.HANDSHAKE)
             state.handshake_rest_ms = now_ms + watchdogs.DISTURBED_REST_MS
             return
+        state.refusal = Refusal.KEY
         reject(state, Reject.MAC)
         mac_failed(state, now_ms)
         return
     reject(state, Reject.ACCEPTED)
+    state.refusal = Refusal.NONE
     if challenge.purpose == frames.PURPOSE_CLEAR_LATCH:
         state.clear_until_ms = now_ms + watchdogs.CLEAR_LIMIT_MS
         return

@@ -25,6 +25,7 @@ from hilbridge.features.layout import D
 from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
 from hilbridge.intent.predictor import Predictor
 from hilbridge.intent.tremor import TremorGuard
+from hilbridge.lease import leased
 from hilbridge.limits import FREEZE_LIMIT_MS, MS, SENSOR_TIMEOUT_MS, TICK_NS
 from hilbridge.observe.summary import percentile
 from hilbridge.records import FeatureVector
@@ -235,7 +236,7 @@ def bus_across_processes(trips: int = 500, bitrate: int = 1_000_000, payload: by
     """Round trip (there, an answer of another process, back) over the simulated bus, wire time included."""
     name = f"bench-{uuid.uuid4()}"
     client = BusClient(name, rates=Rates(bitrate))
-    child = subprocess.Popen([sys.executable, "-c", _ECHO, name], stdout=subprocess.PIPE)
+    child = subprocess.Popen(leased([sys.executable, "-c", _ECHO, name]), stdout=subprocess.PIPE)
     times_ms = []
     try:
         assert child.stdout is not None
@@ -251,7 +252,7 @@ def bus_across_processes(trips: int = 500, bitrate: int = 1_000_000, payload: by
             times_ms.append((time.perf_counter() - begin) * 1e3)
     finally:
         client.close()
-        child.kill()
+        child.terminate()
         child.wait()
         if child.stdout is not None:
             child.stdout.close()

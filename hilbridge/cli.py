@@ -6,17 +6,17 @@ from __future__ import annotations
 
 import json
 import os
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hilbridge import cli_bus, cli_learning, cli_record
+from hilbridge import cli_bus, cli_learning, cli_record, cli_run
+from hilbridge.cli_run import BundleFile, Bus, Camera, Force, Gaze, Json, RunFolder, print_or_json
 from hilbridge.guard import run_guarded
 
 if TYPE_CHECKING:
-    from hilbridge.run import Outcome
+    pass
 
 # The predictor's matrices are small: a second BLAS thread only spins on the processor that the device or camera needs.
 # It must be said before numpy is imported, which every command does itself.
@@ -29,14 +29,6 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-
-Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text")]
-Bus = Annotated[str | None, typer.Option("--bus", help="auto, vcan0, can0, or any python-can interface:channel")]
-ConfigFile = Annotated[Path | None, typer.Option("--config", help="bridge.toml; the command line wins over it")]
-BundleFile = Annotated[Path | None, typer.Option("--bundle", help="model bundle; default: the one that ships")]
-
-RunFolder = Annotated[Path | None, typer.Option(help="folder for what it leaves behind; default: a new one in out/")]
-Force = Annotated[bool, typer.Option("--force", help="replace the recording that --out holds already")]
 
 
 def _print_json(value: Any) -> None:
@@ -60,95 +52,14 @@ def demo(
 
     with run_folder("demo", out, force=force) as folder, live_line(seconds, quiet=as_json) as progress:
         outcome = run_demo(DemoOptions(seconds, folder, bus, seed, tremor_hz), progress)
-    _print_outcome(outcome, as_json)
-
-
-@app.command()
-def run(
-    camera: Annotated[str | None, typer.Option(help="device index, video file, or rtsp:// URL")] = None,
-    gaze: Annotated[str | None, typer.Option(help="Neon recording folder, BeGaze .txt, or .csv")] = None,
-    camera_fps: Annotated[
-        float | None, typer.Option(help="ask the camera for this rate, or play a file at it; ticks lock to 25")
-    ] = None,
-    bus: Bus = None,
-    bundle: BundleFile = None,
-    config: ConfigFile = None,
-    seconds: Annotated[float | None, typer.Option(min=0.1, help="stop after so long; default: at the end")] = None,
-    out: RunFolder = None,
-    force: Force = False,
-    hands: Annotated[bool | None, typer.Option("--hands/--no-hands", help="find hands with MediaPipe")] = None,
-    loop: Annotated[bool | None, typer.Option("--loop", help="start a recording again at its end")] = None,
-    key_file: Annotated[Path | None, typer.Option(help="16-byte key as hex, mode 0600")] = None,
-    listen_only: Annotated[
-        bool | None, typer.Option("--listen-only/--send", help="default: listen only on a physical bus")
-    ] = None,
-    arm: Annotated[bool | None, typer.Option("--arm", help="may send ACT on a physical bus")] = None,
-    video: Annotated[bool | None, typer.Option("--video/--no-video", help="record the pictures; default: yes")] = None,
-    rotate_mb: Annotated[float | None, typer.Option(help="next part of the recording after so many megabytes")] = None,
-    rotate_minutes: Annotated[float | None, typer.Option(help="... or after so many minutes")] = None,
-    retain: Annotated[
-        float | None, typer.Option(metavar="DAYS", help="remove recordings beside this run's that are older")
-    ] = None,
-    clear_latch: Annotated[
-        bool, typer.Option("--clear-latch", help="authenticate clearing a latch or STOP; confirm it at the device")
-    ] = False,
-    as_json: Json = False,
-) -> None:
-    """Run the bridge on a camera and an eye tracker (live or recorded) until they end or Ctrl-C."""
-    import asyncio
-
-    from hilbridge.config import load_config
-    from hilbridge.run import RunOptions, run_bridge, run_folder
-    from hilbridge.runtime.assemble import read_parts
-    from hilbridge.runtime.senses import open_senses
-    from hilbridge.terminal import live_line
-
-    settings = load_config(
-        config,
-        {
-            "sensors": {"camera": camera, "camera_fps": camera_fps, "gaze": gaze, "hands": hands, "loop": loop},
-            "bus": {"spec": bus, "key_file": _text(key_file), "listen_only": listen_only, "arm": arm},
-            "model": {"bundle": _text(bundle)},
-            "recording": {
-                "video": video,
-                "rotate_mb": rotate_mb,
-                "rotate_minutes": rotate_minutes,
-                "retain_days": retain,
-            },
-        },
-    )
-    parts = read_parts(settings)
-    senses = open_senses(settings.sensors)
-    title = f"run: camera {settings.sensors.camera}, gaze {settings.sensors.gaze}"
-    with run_folder("run", out, force=force) as folder, live_line(seconds, quiet=as_json) as progress:
-        asked = RunOptions(title, seconds, clear_latch=clear_latch)
-        outcome = asyncio.run(run_bridge(settings, parts, senses, folder, asked, progress))
-    _print_outcome(outcome, as_json)
-
-
-def _print_outcome(outcome: Outcome, as_json: bool) -> None:
-    from hilbridge.terminal import print_outcome
-
-    try:
-        if as_json:
-            _print_json(outcome.as_json())
-        else:
-            print_outcome(outcome)
-        sys.stdout.flush()
-    except OSError as error:
-        error.add_note(f"saved: {outcome.recording}, {outcome.report}")
-        raise
-
-
-def _text(path: Path | None) -> str | None:
-    return None if path is None else str(path)
+    print_or_json(outcome, as_json)
 
 
 @app.command()
 def doctor(
     bus: Bus = None,
-    camera: Annotated[str | None, typer.Option(help="device index, video file, or rtsp:// URL")] = None,
-    gaze: Annotated[str | None, typer.Option(help="Neon recording folder, BeGaze .txt, or .csv")] = None,
+    camera: Camera = None,
+    gaze: Gaze = None,
     bundle: BundleFile = None,
     as_json: Json = False,
 ) -> None:
@@ -216,6 +127,7 @@ def bus_analysis(
 cli_bus.register(app)
 cli_learning.register(app)
 cli_record.register(app)
+cli_run.register(app)
 
 
 def main() -> None:

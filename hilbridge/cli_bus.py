@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hilbridge.errors import InputError
+from hilbridge.files import write_whole
 
 if TYPE_CHECKING:
     from hilbridge.records import Frame
@@ -35,7 +36,7 @@ def dbc(out: Annotated[Path | None, typer.Option(help="file to write; default: p
     elif out.exists():
         raise InputError(f"{out}: is there already; name another file")
     else:
-        out.write_text(text, encoding="utf-8")
+        write_whole(out, text)
 
 
 def docs(name: Annotated[str | None, typer.Argument(help="which; without it they are listed")] = None) -> None:

@@ -18,6 +18,8 @@ def register(app: typer.Typer) -> None:
     app.command("report")(report)
     app.command("replay")(replay)
     app.command("view")(view)
+    app.command("label")(label)
+    app.command("forget")(forget)
 
 
 def _print_json(value: Any) -> None:
@@ -99,3 +101,82 @@ def view(
     from hilbridge.observe.view import show
 
     show(recordings, save)
+
+
+def label(
+    recording: Annotated[Path, typer.Argument(help="a recording (.mcap) or a run's folder")],
+    take: Annotated[
+        Path | None, typer.Option("--import", help="labels to put in: our CSV, ELAN .eaf, or BORIS CSV/TSV")
+    ] = None,
+    give: Annotated[Path | None, typer.Option("--export", help="write the recording's labels as CSV")] = None,
+    tier: Annotated[str | None, typer.Option(help="of an .eaf file; default: the only one with annotations")] = None,
+    offset_ms: Annotated[
+        float | None, typer.Option(help="add to the times of --import; default: the first picture (.eaf, BORIS), or 0")
+    ] = None,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="of the page; 0: any that is free")] = 0,
+    open_page: Annotated[bool, typer.Option("--open", help="open the page in a browser")] = False,
+) -> None:
+    """Say what the wearer did when: on a page of this computer, or from ELAN, BORIS or a CSV."""
+    from hilbridge.labels.exchange import export_labels, import_labels
+
+    if take is not None:
+        kept, count = import_labels(recording, take, tier, offset_ms)
+        typer.echo(f"{count} labels in {recording} and {kept}")
+    if give is not None:
+        typer.echo(f"{export_labels(recording, give)} labels in {give}")
+    if take is None and give is None:
+        _label_page(recording, port, open_page=open_page)
+
+
+def _label_page(recording: Path, port: int, *, open_page: bool) -> None:
+    import webbrowser
+
+    from hilbridge.labels.page import LabelServer
+
+    with LabelServer(recording, port) as server:
+        typer.echo(f"label at {server.url} (this computer only; Ctrl-C ends)")
+        if open_page:
+            webbrowser.open(server.url)
+        try:
+            server.serve_forever()
+        except KeyboardInterrupt:
+            typer.echo("ended; what was saved is in the recording")
+
+
+def forget(
+    participant: Annotated[str, typer.Argument(help="the pseudonym, as `run --participant` had it")],
+    folder: Annotated[Path, typer.Argument(help="where recordings are kept; folders in it are searched, too")],
+    yes: Annotated[bool, typer.Option("--yes", help="do it; without, only say what would go")] = False,
+    as_json: Json = False,
+) -> None:
+    """Remove one person's recordings and what was made of them; say what else has the pseudonym in its name."""
+    from hilbridge.observe.forget import carry_out, plan_to_forget
+
+    plan = plan_to_forget(participant, folder)
+    failed = carry_out(plan) if yes else []
+    if as_json:
+        _print_json(
+            {
+                "removed" if yes else "would_remove": [str(path) for path in plan.files if path not in dict(failed)],
+                "not_removed": {str(path): why for path, why in failed},
+                "only_named": [str(path) for path in plan.named],
+                "unread": {str(path): why for path, why in plan.unread},
+            }
+        )
+    else:
+        for path in plan.files:
+            typer.echo(f"{'removed' if yes else 'would remove'} {path}")
+        for path, why in failed:
+            typer.echo(f"NOT removed {path}: {why}")
+        for path in plan.named:
+            typer.echo(f"look yourself: {path} has {participant} in its name")
+        for _, why in plan.unread:
+            typer.echo(f"look yourself: {why}")
+        if not plan.files:
+            typer.echo(f"no recording of {participant} under {folder}")
+        elif not yes:
+            typer.echo(
+                "nothing is removed yet; say --yes to do it. Bundles trained on this person keep what they learned"
+            )
+    if failed:
+        raise typer.Exit(1)

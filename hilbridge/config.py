@@ -74,12 +74,19 @@ class BusConfig(_Part):
     arm: bool = Field(False, description="may send ACT on a physical bus")
 
 
+PSEUDONYM = r"^[A-Za-z0-9_-]*[0-9][A-Za-z0-9_-]*$"  # with a digit, as names do not have
+
+
 class RecordingConfig(_Part):
     """What a run's recording holds, and when its next part begins."""
 
     video: bool = Field(True, description="keep the pictures of the head camera, as JPEG")
     video_quality: Annotated[int, Field(ge=1, le=100, description="of JPEG")] = 80
     video_width_px: Annotated[int, Field(ge=16, le=8192, description="wider pictures are made so wide")] = 640
+    blur_faces: bool = Field(False, description="blur faces in pictures that are kept (extra privacy)")
+    participant: Annotated[str, Field(pattern=PSEUDONYM, max_length=32)] | None = Field(
+        None, description="the wearer's pseudonym: letters, digits, - and _, such as P-07; never a name"
+    )
     rotate_mb: Annotated[float, Field(ge=0.1)] | None = Field(None, description="the next part after so many megabytes")
     rotate_minutes: Annotated[float, Field(ge=0.05)] | None = Field(None, description="... or after so many minutes")
     retain_days: Annotated[float, Field(gt=0.0)] | None = Field(

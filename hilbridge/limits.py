@@ -24,6 +24,8 @@ CHALLENGE_WAIT_NS = 300 * MS
 # The device publishes its MAC failures once a second: before trying again, find out whether the key was at fault. A
 # third failure would latch it.
 CONFIRM_WAIT_NS = 1_200 * MS
+# A challenge so soon after somebody else's ARM_REQUEST may be the answer to that one: it is not answered.
+STRANGER_NS = 50 * MS
 FRESHNESS_LIMIT = 0xFFFFFFFF
 
 # What sensing must be for an ACT. The contract's age also bounds what a site may set (hilbridge.config).

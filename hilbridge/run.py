@@ -8,13 +8,14 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Protocol
 
 from hilbridge.config import Config, RecordingConfig
 from hilbridge.errors import InputError
+from hilbridge.labels.live import MarkOptions, marking
 from hilbridge.observe.keeping.background import BackgroundRecording
 from hilbridge.observe.keeping.pictures import PictureFormat, Pictures
 from hilbridge.observe.keeping.retention import remove_old
@@ -58,6 +59,7 @@ class RunOptions:
     seconds: float | None = None
     judge: Judge | None = None
     clear_latch: bool = False
+    marks: MarkOptions = field(default_factory=MarkOptions)
     finish: Callable[[LiveBridge], Mapping[str, int]] = lambda live: {}
 
 
@@ -138,7 +140,8 @@ async def run_bridge(
             if options.clear_latch:
                 live.request_clear_latch()
             use_realtime_scheduling()
-            await live.run(options.seconds)
+            with marking(options.marks, recording.write, watcher.notice):
+                await live.run(options.seconds)
             watcher.over("over, writing the report")
             counts = {**live.counters(), **options.finish(live)}
             await asyncio.to_thread(_write_last, recording, pictures, counts)
@@ -169,7 +172,7 @@ def _rotation(config: RecordingConfig) -> Rotation:
 
 
 def _pictures(config: RecordingConfig, recording: BackgroundRecording) -> Pictures | None:
-    form = PictureFormat(config.video_quality, config.video_width_px)
+    form = PictureFormat(config.video_quality, config.video_width_px, config.blur_faces)
     return Pictures(form, recording.write) if config.video else None
 
 

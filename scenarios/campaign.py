@@ -20,6 +20,7 @@ from typing import Any
 import joblib
 
 from hilbridge.errors import InputError
+from hilbridge.files import write_whole
 from hilbridge.lease import end_with
 from scenarios.format.files import dump_scenario, scenario_of
 from scenarios.format.schema import Expectation, Scenario, Step
@@ -58,7 +59,7 @@ class Sample:
 
     @property
     def key(self) -> str:
-        """What a resumed campaign knows it by."""
+        """Identifies the sample in a resumed campaign."""
         return f"{self.fault}|{self.gate}|{self.after_ms}|{self.for_ms}|{self.end_ms}|{self.number}"
 
     @property
@@ -69,7 +70,7 @@ class Sample:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What one sample came to. `robustness` is the smallest margin of the safety expectations."""
+    """The outcome of one sample. `robustness` is the smallest margin of the safety expectations."""
 
     sample: Sample
     safe: bool
@@ -79,7 +80,7 @@ class Outcome:
     problems: tuple[str, ...]
 
     def as_json(self) -> dict[str, Any]:
-        """A line of campaign.jsonl."""
+        """The outcome as a line of campaign.jsonl."""
         return asdict(self)
 
 
@@ -105,7 +106,7 @@ def samples_of(base: Scenario, instants: int, seed: int, only: tuple[str, ...] =
 
 
 def _reached_ms(base: Scenario) -> dict[str, float]:
-    """When the base, left alone, first comes to each gate state."""
+    """When the base scenario without faults first reaches each gate state."""
     trace = run_scenario(base).trace
     reached: dict[str, float] = {}
     for gate, condition in GATE_STATES.items():
@@ -117,7 +118,7 @@ def _reached_ms(base: Scenario) -> dict[str, float]:
 
 
 def scenario_for(base: Scenario, sample: Sample) -> Scenario:
-    """The base with that one injection, judged by safety alone."""
+    """The base scenario with that one injection; only the safety expectations are judged."""
     step: dict[str, Any] = {
         "when": GATE_STATES[sample.gate],
         "after": f"{sample.after_ms} ms",
@@ -139,7 +140,7 @@ def scenario_for(base: Scenario, sample: Sample) -> Scenario:
 
 
 def run_sample(base: Scenario, sample: Sample) -> Outcome:
-    """One sample, in a worker."""
+    """Runs one sample in a worker."""
     result = run_scenario(scenario_for(base, sample)).result
     problems = tuple(f"{j.name} (margin {j.margin:.3g})" for j in result.judgements if not j.holds)
     return Outcome(
@@ -195,7 +196,7 @@ def _on_ray(cluster: str, jobs: int) -> Iterator[None]:
 
 @contextmanager
 def _on_dask(cluster: str, jobs: int) -> Iterator[None]:
-    """A scheduler elsewhere, or one of this call's own. One sample at a time in a worker: they are all computation."""
+    """Connects to a Dask scheduler, or starts a local one. A worker runs one sample at a time: samples only compute."""
     try:
         from dask.distributed import Client, LocalCluster
     except ImportError:
@@ -242,7 +243,7 @@ def run_campaign(
     left = [sample for sample in samples if sample.key not in known]
     torn = log.exists() and not log.read_bytes().endswith(b"\n")
     with log.open("a", encoding="utf-8") as file, _workers(jobs, cluster) as workers:
-        if torn:  # what an interrupted call left of its last line must not swallow the next
+        if torn:  # a last line cut off by an interruption must not swallow the next one
             file.write("\n")
         if not known and file.tell() == 0:
             file.write(json.dumps({"base": _fingerprint(base)}) + "\n")
@@ -253,7 +254,7 @@ def run_campaign(
                 progress(outcome.sample.fault)
                 if not outcome.safe:
                     repeat = dump_scenario(scenario_for(base, outcome.sample))
-                    (out / outcome.sample.file_name).write_text(repeat, encoding="utf-8")
+                    write_whole(out / outcome.sample.file_name, repeat)
             file.flush()
     return sorted(outcomes, key=lambda outcome: (outcome.safe, outcome.robustness))
 
@@ -273,7 +274,7 @@ def _run_chunk(workers: Callable[[], joblib.Parallel], base: Scenario, chunk: Se
 
 
 def _lost_worker() -> tuple[type[Exception], ...]:
-    """What a dead worker looks like: subclasses of OSError and RuntimeError, and what Dask and Ray have of their own."""
+    """The exceptions by which joblib, Dask and Ray report a dead worker."""
     lost: tuple[type[Exception], ...] = (OSError, RuntimeError)
     if (dask := sys.modules.get("distributed")) is not None:  # only a campaign on Dask has it
         lost += (dask.KilledWorker,)

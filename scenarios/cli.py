@@ -11,6 +11,7 @@ from typing import Annotated
 import typer
 
 from hilbridge.errors import InputError
+from hilbridge.files import write_whole
 from hilbridge.guard import run_guarded
 
 # The predictor's matrices are small; a second BLAS thread only takes the processor from the next scenario.
@@ -31,7 +32,7 @@ Seed = Annotated[int | None, typer.Option(min=0, help="in place of the scenario'
 
 @app.command("list")
 def list_scenarios(paths: Paths, as_json: Json = False) -> None:
-    """What the scenarios are about, one line each."""
+    """List the scenarios, one line each."""
     from scenarios.format.collect import collect
 
     found = [(path, scenario) for path, scenario in collect(paths)]
@@ -163,7 +164,7 @@ def minimise(
     scenario = reseeded(load_scenario(located(path)), seed)
     smaller = minimise_scenario(scenario, progress=lambda text: typer.echo(text, err=True), keep=keep)
     target = out or path.with_suffix(".min.yaml")
-    target.write_text(dump_scenario(smaller), encoding="utf-8")
+    write_whole(target, dump_scenario(smaller))
     typer.echo(f"{target}: {len(smaller.steps)} of {len(scenario.steps)} faults, {smaller.duration / 1e9:g} s")
 
 

@@ -14,6 +14,7 @@ import joblib
 
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
+from hilbridge.files import write_whole
 from hilbridge.lease import end_with
 from scenarios.format.files import line_of, reseeded
 from scenarios.format.schema import Scenario
@@ -80,7 +81,7 @@ def run_all(
     if options.out is not None:
         options.out.mkdir(parents=True, exist_ok=True)
         rows = [result.as_json() for result in results] + [{**asdict(one), "passed": None} for one in skipped]
-        (options.out / "results.json").write_text(json.dumps(rows, indent=1), encoding="utf-8")
+        write_whole(options.out / "results.json", json.dumps(rows, indent=1))
         write_junit(results, options.out / "junit.xml", skipped)
     return results
 

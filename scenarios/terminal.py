@@ -1,4 +1,4 @@
-"""What a person at a terminal sees: a bar while it runs, a table when it is done, the command that repeats a failure."""
+"""Terminal output: a progress bar, then a table, then the command that repeats a failure."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ COLUMNS = {
 
 @contextmanager
 def progress_bar(total: int, *, quiet: bool) -> Iterator[Callable[[str], None]]:
-    """A bar on standard error; gives what to call after each, with its name."""
+    """A progress bar on standard error; gives the callback to call after each item, with its name."""
     console = Console(stderr=True)
     columns = (BarColumn(), MofNCompleteColumn(), TimeRemainingColumn(), TextColumn("{task.description}"))
     with Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal) as bar:

@@ -7,8 +7,9 @@ import sys
 
 import pytest
 
-from tests.safety import campaign, checking, harm
+from tests.safety import campaign, checking, harm, planted
 from tests.safety.mutation import ROOT
+from tests.safety.server import run as server
 from tests.safety.table import Row, Scale, printed
 from tests.safety.wire import corruption, forgery, fuzz, replay
 
@@ -68,9 +69,28 @@ def test_mutation_sample() -> None:
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@requirement("P9")
+@pytest.mark.slow
+def test_h9_simulated_bus_under_attack_sample() -> None:
+    all_hold(server.run(QUICK))
+
+
 @requirement("P13", "T1")
 @pytest.mark.slow
 def test_h2_hung_bridge_sample() -> None:
     command = [sys.executable, "-m", "tests.safety", "hung", "--quick", "--bus", "hilsim"]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_planted_defects_sample() -> None:
+    all_hold(planted.run(QUICK))
+
+
+def test_every_planted_defect_has_its_place_and_its_test() -> None:
+    table = planted.table()
+    assert len(table) == len({entry.what for entry in table}) == 60
+    for entry in table:
+        assert (ROOT / entry.file).read_text(encoding="utf-8").count(entry.old) == 1, entry
+        file, _, name = entry.test.partition("::")
+        assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8"), entry

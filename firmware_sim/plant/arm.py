@@ -13,6 +13,7 @@ from math import cos, radians, sin
 ARM_INERTIA = 0.07  # kg m^2, forearm and hand about the elbow (1.5 kg at 0.2 m)
 DEVICE_INERTIA = 0.015
 ARM_WEIGHT_NM = 2.0  # forearm held level
+CARRIED_SHARE = 0.85  # of that weight, by the wearer's own muscles at rest
 DEVICE_WEIGHT_NM = 0.8
 FRICTION = 0.25  # N m s/rad, tissue and gear
 STOP_STIFFNESS = 60.0  # N m/rad beyond the anatomical stops
@@ -68,7 +69,7 @@ def wanted_path(wearer: str, t_s: float) -> tuple[float, float]:
 def wearer_torque(wearer: str, arm: Arm, t_s: float) -> float:
     """What the wearer's own muscles do, N m: most of the weight, a weak spring to the wanted path, tremor at 6 Hz."""
     angle, velocity = wanted_path(wearer, t_s)
-    own_weight = 0.85 * ARM_WEIGHT_NM * sin(arm.angle)
+    own_weight = CARRIED_SHARE * ARM_WEIGHT_NM * sin(arm.angle)
     torque = own_weight + 6.0 * (angle - arm.angle) + 0.8 * (velocity - arm.velocity)
     if wearer == "tremor":
         torque += 0.9 * math.sin(2.0 * math.pi * 6.0 * t_s)

@@ -13,12 +13,11 @@ from dataclasses import dataclass
 from math import cos, pi, radians, sin
 from types import MappingProxyType
 
-from firmware_sim.plant.arm import ARM_WEIGHT_NM, Arm
+from firmware_sim.plant.arm import ARM_WEIGHT_NM, CARRIED_SHARE, Arm
 
 FIRM_NM_RAD = 6.0
 WEAK_NM_RAD = 2.0
 EVENT_S = 1.5
-_CARRIED = 0.85
 Path = Callable[[float], tuple[float, float]]
 Torque = Callable[[float], float]
 
@@ -45,7 +44,7 @@ class Wearer:
             return 0.0
         angle, velocity = self.path(t_s)
         damping = 0.8 * math.sqrt(self.stiffness / FIRM_NM_RAD)
-        own = _CARRIED * ARM_WEIGHT_NM * sin(arm.angle)
+        own = CARRIED_SHARE * ARM_WEIGHT_NM * sin(arm.angle)
         return own + self.stiffness * (angle - arm.angle) + damping * (velocity - arm.velocity) + self.torque(t_s)
 
 

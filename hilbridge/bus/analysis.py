@@ -126,7 +126,7 @@ def _worst_ns(ordered: Sequence[Stream], index: int, rates: Rates, error_interva
 
 
 def _fixed_point(step: Callable[[int], int], start: int) -> int | None:
-    """The least fixed point reached from `start`; None where it lies beyond a minute, which is no bus to be used."""
+    """The least fixed point reached from `start`; None where it exceeds a minute, which no usable bus does."""
     value = start
     while value < 60 * NS_PER_S:
         following = step(value)

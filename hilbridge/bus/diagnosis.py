@@ -1,4 +1,4 @@
-"""What ails a bus, told from a few seconds of listening: the rules behind `hilbridge doctor --bus can0`.
+"""Diagnoses a bus from a few seconds of listening: the rules behind `hilbridge doctor --bus can0`.
 
 `observe` listens (it sends nothing), `diagnose` decides, without I/O. The signs are those that Linux drivers report: state,
 counters and bit rates over netlink, and error frames (`ip link set can0 type can berr-reporting on` makes them tell
@@ -24,7 +24,7 @@ from hilbridge.wire.dbc_file import dbc_number, load_dbc, shown_number
 
 _COUNTER_BYTE = 2  # of an E2E profile 5 header
 _TWICE = 0.7  # a cycle this much shorter than it should be is no jitter
-_ENOUGH = 8  # frames of one identifier before its rhythm says anything
+_ENOUGH = 8  # frames of one identifier that a judgement of its cycle needs
 
 
 class Severity(StrEnum):

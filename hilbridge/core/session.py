@@ -11,7 +11,7 @@ from __future__ import annotations
 from enum import StrEnum
 from typing import Protocol
 
-from hilbridge.limits import CHALLENGE_WAIT_NS, CONFIRM_WAIT_NS, FRESHNESS_LIMIT
+from hilbridge.limits import CHALLENGE_WAIT_NS, CONFIRM_WAIT_NS, FRESHNESS_LIMIT, STRANGER_NS
 
 
 class Phase(StrEnum):
@@ -67,6 +67,9 @@ class Session:
         self._offered = 0
         self._purpose = Purpose.ARM
         self._retry_ns: int | None = None
+        self._stranger_ns: int | None = None  # when somebody else was last heard to ask
+        self._strange_responses = 0  # of others, each of which may be a MAC failure of the device's
+        self._wait_ns = CHALLENGE_WAIT_NS
 
     @property
     def armed(self) -> bool:
@@ -106,11 +109,31 @@ class Session:
             self.refused = False
             self._foreign_failures = None
             self._unconfirmed = False
+            self._strange_responses = 0
         self._boot_nonce = boot_nonce
 
+    def on_stranger(self, message: str, now_ns: int) -> None:
+        """A message that only this bridge may send came from somebody else.
+
+        After an ARM_REQUEST the challenge that comes next may be for that one; after an ARM_RESPONSE a MAC failure may be.
+        """
+        if message == "ARM_REQUEST":
+            self._stranger_ns = now_ns
+        elif message == "ARM_RESPONSE":
+            self._strange_responses += 1
+
     def on_challenge(self, device_nonce: int, number: int, now_ns: int) -> dict[str, int | str] | None:
-        """Signals of the ARM_RESPONSE to an ARM_CHALLENGE; None when none was asked for."""
+        """Signals of the ARM_RESPONSE to an ARM_CHALLENGE; None when none was asked for, or somebody else asked too.
+
+        An answer to another's challenge would be a wrong MAC, blamed on the key. To wait and ask again costs nothing.
+        """
         if self.phase is not Phase.REQUESTED or self._boot_nonce is None:
+            return None
+        if self._stranger_ns is not None and now_ns - self._stranger_ns <= STRANGER_NS:
+            self.phase = Phase.IDLE
+            self.disturbed += 1
+            self._retry_ns = now_ns + self._wait_ns
+            self._wait_ns = min(2 * self._wait_ns, CONFIRM_WAIT_NS)
             return None
         self._key = self._crypto.session_key(self._bridge_nonce, device_nonce, self._boot_nonce, number)
         mac = self._crypto.arm_mac(self._key, self._purpose.value, number, self._bridge_nonce, device_nonce)
@@ -129,6 +152,8 @@ class Session:
             self._nonce_spent = True
             self.number = number
             self._freshness = 0
+            self._strange_responses = 0
+            self._wait_ns = CHALLENGE_WAIT_NS
         elif self.armed and not (device_armed and number == self.number):
             self.drop("device disarmed")
 
@@ -141,7 +166,10 @@ class Session:
         known = self._foreign_failures
         if not self._unconfirmed or known is None or failures < known:  # a counter that fell has begun anew
             self._foreign_failures = failures
-        elif self.phase is Phase.RESPONDED and failures > known:
+        elif failures - known <= self._strange_responses:  # as many as others were heard to send
+            self._strange_responses -= failures - known
+            self._foreign_failures = failures
+        elif self.phase is Phase.RESPONDED:
             self.refused = True
             self.phase = Phase.IDLE
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from hilbridge.errors import InputError
 from hilbridge.features.layout import D
+from hilbridge.files import in_place_of
 
 
 def write_pack(
@@ -23,12 +24,9 @@ def write_pack(
     """
     if len(values) == 0:
         raise InputError(f"{path}: nothing to keep, the session has no step; check its gaze and video")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # Not *.npz: what an interruption leaves behind must not be taken for a session.
-    partial = path.with_name(path.name + ".partial")
-    with partial.open("wb") as file:
+    # Not *.npz meanwhile: what an interruption leaves behind must not be taken for a session.
+    with in_place_of(path) as partial, partial.open("wb") as file:
         np.savez_compressed(file, values=values, valid=valid, made_from=json.dumps(dict(made_from or {})))
-    partial.replace(path)
 
 
 def file_hash(path: Path) -> str:

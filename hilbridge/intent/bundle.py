@@ -21,11 +21,13 @@ from safetensors.numpy import load, save
 
 from hilbridge.errors import InputError
 from hilbridge.features.layout import LAYOUT_HASH, D
+from hilbridge.files import write_whole
 from hilbridge.intent.calibration import ALL_VALID, Calibration, Method
 from hilbridge.intent.gru import Weights
+from hilbridge.intent.vectors import MAX_DIFFERENCE, WINDOWS, Vectors, largest_difference
 from hilbridge.verbs import VERBS
 
-FORMAT = 1
+FORMAT = 2  # since 2 with test vectors
 MAX_BYTES = 64 << 20
 MAX_HIDDEN = 1024
 MAX_WEIGHT = 1e5
@@ -40,6 +42,7 @@ TENSORS = (
     "head_weight",
     "head_bias",
 )
+_STORED = (*TENSORS, "mean", "std", "vector_values", "vector_valid", "vector_logits")
 CURE = "train one with `hilbridge train`, or leave the option out to use the demo bundle"
 
 
@@ -61,7 +64,10 @@ class Thresholds:
 
 @dataclass(frozen=True, slots=True)
 class Bundle:
-    """A trained predictor. mean, std: (D,) training statistics of raw features; bundle_id: 16 bits of its hash."""
+    """A trained predictor. mean, std: (D,) training statistics of raw features; bundle_id: 16 bits of its hash.
+
+    vectors: what the network gave when it was trained; `load_bundle` compares.
+    """
 
     weights: Weights
     mean: NDArray[np.float32]
@@ -69,6 +75,7 @@ class Bundle:
     window_steps: int
     calibration: Calibration
     thresholds: Thresholds
+    vectors: Vectors
     provenance: Mapping[str, Any] = field(default_factory=dict)
     bundle_id: int = 0
 
@@ -83,6 +90,10 @@ def save_bundle(bundle: Bundle, path: Path) -> Path:
     tensors = {name: np.ascontiguousarray(getattr(bundle.weights, name), dtype=np.float32) for name in TENSORS}
     tensors["mean"] = np.ascontiguousarray(bundle.mean, dtype=np.float32)
     tensors["std"] = np.ascontiguousarray(bundle.std, dtype=np.float32)
+    vectors = bundle.vectors
+    tensors["vector_values"] = np.ascontiguousarray(vectors.values, dtype=np.float32)
+    tensors["vector_valid"] = np.ascontiguousarray(vectors.valid, dtype=np.float32)
+    tensors["vector_logits"] = np.ascontiguousarray(vectors.logits, dtype=np.float32)
     calibration = bundle.calibration
     metadata = {
         "format": FORMAT,
@@ -98,11 +109,7 @@ def save_bundle(bundle: Bundle, path: Path) -> Path:
         "thresholds": {"tau_on": bundle.thresholds.tau_on, "tau_off": bundle.thresholds.tau_off},
         "provenance": dict(bundle.provenance),
     }
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(path.name + ".partial")
-    partial.write_bytes(save(tensors, metadata={METADATA_KEY: json.dumps(metadata, sort_keys=True)}))
-    partial.replace(path)
-    return path
+    return write_whole(path, save(tensors, metadata={METADATA_KEY: json.dumps(metadata, sort_keys=True)}))
 
 
 def load_bundle(path: Path | str) -> Bundle:
@@ -160,10 +167,45 @@ def _check_match(path: Path, metadata: Mapping[str, Any]) -> None:
 
 
 def _assemble(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any], bundle_id: int) -> Bundle:
-    missing = [name for name in (*TENSORS, "mean", "std") if name not in tensors]
+    window_steps = metadata["window_steps"]
+    if not isinstance(window_steps, int) or not 2 <= window_steps <= 250:
+        raise BundleError(f"window of {window_steps!r} steps, expected 2 to 250")
+    arrays = _checked(tensors, window_steps)
+    weights = Weights(**{name: arrays[name] for name in TENSORS})
+    vectors = Vectors(arrays["vector_values"], arrays["vector_valid"] > 0, arrays["vector_logits"])
+    difference = largest_difference(weights, arrays["mean"], arrays["std"], window_steps, vectors)
+    if not difference <= MAX_DIFFERENCE:  # NaN fails the comparison
+        raise BundleError(
+            f"its network gives other logits than when it was trained (by {difference:.3g}, at most {MAX_DIFFERENCE:g}): "
+            "tensors were exchanged or edited"
+        )
+    raw = metadata["calibration"]
+    # Bundles written before there was a curve per set of modalities have one for all.
+    curves = raw.get("isotonic") or {str(ALL_VALID): (raw["isotonic_x"], raw["isotonic_y"])}
+    return Bundle(
+        weights,
+        arrays["mean"],
+        arrays["std"],
+        window_steps,
+        Calibration(
+            Method(raw["method"]),
+            {int(mask): float(value) for mask, value in raw["temperatures"].items()},
+            (float(raw["platt"][0]), float(raw["platt"][1])),
+            {int(mask): (_floats(x), _floats(y)) for mask, (x, y) in curves.items()},
+        ),
+        Thresholds(float(metadata["thresholds"]["tau_on"]), float(metadata["thresholds"]["tau_off"])),
+        vectors,
+        dict(metadata["provenance"]),
+        bundle_id,
+    )
+
+
+def _checked(tensors: Mapping[str, NDArray[Any]], window_steps: int) -> dict[str, NDArray[np.float32]]:
+    """All tensors as float32: there, finite, and of shapes that fit together. Raises BundleError."""
+    missing = [name for name in _STORED if name not in tensors]
     if missing:
         raise BundleError(f"tensor {missing[0]} is missing")
-    arrays = {name: np.asarray(tensors[name]) for name in (*TENSORS, "mean", "std")}
+    arrays = {name: np.asarray(tensors[name]) for name in _STORED}
     for name, array in arrays.items():
         if array.dtype not in (np.float32, np.float16) or array.ndim not in (1, 2) or array.size == 0:
             raise BundleError(f"tensor {name} is no float32 or float16 vector or matrix")
@@ -182,34 +224,16 @@ def _assemble(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any], 
         "head_bias": (len(VERBS),),
         "mean": (D,),
         "std": (D,),
+        "vector_values": (window_steps + WINDOWS - 1, D),
+        "vector_valid": (window_steps + WINDOWS - 1, 3),
+        "vector_logits": (WINDOWS, len(VERBS)),
     }
     for name, shape in shapes.items():
         if arrays[name].shape != shape:
             raise BundleError(f"tensor {name} has shape {arrays[name].shape}, expected {shape}")
     if not 0 < hidden <= MAX_HIDDEN or not (arrays["std"] > 0).all():
         raise BundleError(f"hidden size {hidden} or a standard deviation is out of range")
-    window_steps = metadata["window_steps"]
-    if not isinstance(window_steps, int) or not 2 <= window_steps <= 250:
-        raise BundleError(f"window of {window_steps!r} steps, expected 2 to 250")
-    floats = {name: np.ascontiguousarray(array, dtype=np.float32) for name, array in arrays.items()}
-    raw = metadata["calibration"]
-    # Bundles written before there was a curve per set of modalities have one for all.
-    curves = raw.get("isotonic") or {str(ALL_VALID): (raw["isotonic_x"], raw["isotonic_y"])}
-    return Bundle(
-        Weights(**{name: floats[name] for name in TENSORS}),
-        floats["mean"],
-        floats["std"],
-        window_steps,
-        Calibration(
-            Method(raw["method"]),
-            {int(mask): float(value) for mask, value in raw["temperatures"].items()},
-            (float(raw["platt"][0]), float(raw["platt"][1])),
-            {int(mask): (_floats(x), _floats(y)) for mask, (x, y) in curves.items()},
-        ),
-        Thresholds(float(metadata["thresholds"]["tau_on"]), float(metadata["thresholds"]["tau_off"])),
-        dict(metadata["provenance"]),
-        bundle_id,
-    )
+    return {name: np.ascontiguousarray(array, dtype=np.float32) for name, array in arrays.items()}
 
 
 def _floats(numbers: Sequence[Any]) -> tuple[float, ...]:

@@ -5,15 +5,13 @@ from __future__ import annotations
 from collections import deque
 
 import numpy as np
-from numpy.typing import NDArray
 
-from hilbridge.features.layout import MODALITY_OF
 from hilbridge.intent.bundle import Bundle
 from hilbridge.intent.gru import StreamingGru
+from hilbridge.intent.standardise import standardise
 from hilbridge.records import FeatureVector, IntentEstimate
 
 MIN_USABLE_SHARE = 0.5  # of the window's steps; the paper discards windows with too few valid samples
-Z_LIMIT = 8.0
 
 
 class Predictor:
@@ -60,16 +58,3 @@ class Predictor:
         self._valid.append(valid)
         for bit, flag in enumerate(valid):
             self._counts[bit] += flag
-
-
-def standardise(
-    values: NDArray[np.float32], valid: NDArray[np.bool_], mean: NDArray[np.float32], std: NDArray[np.float32]
-) -> NDArray[np.float32]:
-    """z-scores with zeros (the training mean) for invalid modalities: values (..., D), valid (..., 3) -> (..., D)."""
-    z = np.asarray(values - mean, dtype=np.float32)
-    z /= std
-    np.minimum(z, np.float32(Z_LIMIT), out=z)
-    np.maximum(z, np.float32(-Z_LIMIT), out=z)
-    if not valid.all():
-        z[~valid[..., MODALITY_OF]] = 0.0
-    return z

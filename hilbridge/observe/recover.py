@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+from hilbridge.files import naming
 from hilbridge.observe.reading import read_recording
 from hilbridge.observe.recording import AddsNothing, Recording
 
@@ -29,7 +30,7 @@ def recover(path: Path, target: Path | None = None) -> Recovered:
     first = next(rows, None)  # before anything is written: what is no recording leaves no file
     count = 0
     # What was added to rows is among them already.
-    with Recording(target, AddsNothing(reader.schemas)) as out:
+    with naming(target), Recording(target, AddsNothing(reader.schemas)) as out:
         if first is not None:
             out.write(first)
             count = 1

@@ -12,6 +12,7 @@ from typing import Any, TypeVar
 import jinja2
 import markupsafe
 
+from hilbridge.files import write_whole
 from hilbridge.observe.reading import read_recording
 from hilbridge.observe.summary import Summary, summarise
 from hilbridge.records import Action
@@ -62,8 +63,7 @@ def write_report(recording: Path | Sequence[Path], target: Path) -> Summary:
         timeline=markupsafe.Markup(timeline_svg(ticks, devices, meta)) if ticks else "",
         latency=markupsafe.Markup(latency_svg(ticks)) if ticks else "",
     )
-    target.parent.mkdir(parents=True, exist_ok=True)
-    target.write_text(page, encoding="utf-8")
+    write_whole(target, page)
     return summary
 
 

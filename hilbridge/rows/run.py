@@ -73,6 +73,8 @@ class MetaRow:
     tau_off: float | None = None
     camera: str | None = None
     gaze: str | None = None
+    participant: str | None = None
+    """The wearer's pseudonym."""
     scenario: str | None = None
     seed: int | None = None
     start_ns: int | None = None

@@ -73,7 +73,9 @@ class BridgeNode:
         """Take in one frame: what it said (None when it was rejected, and counted) and what must be answered at once."""
         outcome = self.wire.decode(frame)
         if not isinstance(outcome, Decoded):
-            self.foreign += outcome.reason is RejectReason.UNKNOWN_ID and outcome.name is not None
+            if outcome.reason is RejectReason.UNKNOWN_ID and outcome.name:
+                self.foreign += 1
+                self.bridge.session.on_stranger(outcome.name, now_ns)
             return None, []
         answers = self.bridge.on_message(outcome.name, outcome.signals, outcome.counter, now_ns)
         if outcome.name == "CTRL_STATUS":

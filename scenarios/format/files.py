@@ -101,7 +101,7 @@ def _location(error: ErrorDetails) -> tuple[int | str, ...]:
 
 
 def _aptness(error: ErrorDetails) -> tuple[bool, int]:
-    """A misspelt key says more than the key that is then missing; a deep error more than a union's other member."""
+    """Sort key: a misspelt key explains more than a missing one, a deep error more than a shallow one."""
     return error["type"] == "extra_forbidden", len(_location(error))
 
 

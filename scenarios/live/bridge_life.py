@@ -1,4 +1,4 @@
-"""The bridge's process over a live run: hung, stalled, killed, started again, each time with nothing remembered."""
+"""The life cycle of the bridge's process in a live run: hung, stalled, killed, started again without any memory."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ class BridgeLife:
         self.handle.order(order)
 
     def hang(self) -> None:
-        """Stand still, whatever it is doing."""
+        """Suspend the process."""
         self.handle.signal(signal.SIGSTOP)
 
     def go_on(self) -> None:
-        """Move again."""
+        """Resume the process."""
         self.handle.signal(signal.SIGCONT)
 
     def kill(self) -> bool:
@@ -47,7 +47,7 @@ class BridgeLife:
         return was_alive and not self.handle.alive
 
     def start_again(self) -> None:
-        """Another process, which waits for `go`. The old one's rows have been read."""
+        """Start another process, which waits for `go`. The rows of the old one must have been read."""
         self.handle.rows.close()
         self.handle = self._start()
 

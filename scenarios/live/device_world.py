@@ -1,4 +1,4 @@
-"""The device's world in a live run: its faults and the wearer's arm, as commands typed to the device."""
+"""Device faults and the wearer's arm in a live run, sent to the device as text commands."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from scenarios.world.arm import PUSHING, opposing, push_nm
 from scenarios.world.device_faults import BIAS, ENCODER, LAG, OVERRUN, RESTART, WRONG_KEY, acting, broken
 from scenarios.world.fault_board import Active, FaultBoard
 
-# fault -> the command that makes it; what counts is what the device has obeyed
+# fault -> its command; it took effect when the device's log shows it
 _COMMANDS = {ENCODER: "encoder", LAG: "lag", BIAS: "bias"}
 _INSTANTS = {"overrun": OVERRUN, "restart": RESTART, "wrongkey": WRONG_KEY}
 
 
 class DeviceWorld:
-    """Types commands by `command`, and counts what came of them by the device's own log."""
+    """Sends commands through `command`, and counts their effects by the device's log."""
 
     def __init__(self, board: FaultBoard, command: Callable[[str], None]) -> None:
         self._board, self._command = board, command
@@ -23,7 +23,7 @@ class DeviceWorld:
         self._pushed_nm = 0.0
 
     def change(self, active: Active) -> None:
-        """A device fault begins or ends: type the whole of what is wrong now."""
+        """A device fault begins or ends: send the complete set of faults under way."""
         if active.step.fault == OVERRUN:
             if self._board.get(OVERRUN) is active:  # an instant: its end is nothing
                 self._command(f"overrun {round(active['overrun_ms'])}")
@@ -43,7 +43,7 @@ class DeviceWorld:
             self._command(f"bias {wrong.bias_nm:g}")
 
     def push(self, assist_nm: float, now_ns: int) -> bool:
-        """Type what the wearer's arm does besides. True while it does anything: ask again soon."""
+        """Send what the wearer's arm does. True while it does anything: call again soon."""
         torque_nm = push_nm(self._board, assist_nm, now_ns)
         if (against := opposing(self._board, assist_nm)) is not None:
             against.took_effect("push" in self._obeyed)

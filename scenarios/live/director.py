@@ -1,7 +1,7 @@
 """The director of a live run: starts bridge and device, injects each fault when it is due, follows both logs, ends all.
 
-Everything here is one loop of a few milliseconds; what happened when is read off the processes' own stamps, so that a
-late look changes no verdict.
+One loop of a few milliseconds does everything. Times come from the processes' own stamps, so that a late loop changes no
+verdict.
 """
 
 from __future__ import annotations
@@ -150,7 +150,7 @@ class Director:
     # Following the logs
 
     def _follow(self) -> None:
-        """Take in what both sides have written since; conditions are looked at after every row."""
+        """Read what both sides have written since; evaluate conditions after every row."""
         rows: list[tuple[int, dict[str, Any]]] = []
         if self._device is not None:
             rows += [(row["ends_ns"], row) for row in self._device.rows.new() if "ends_ns" in row]
@@ -262,7 +262,7 @@ class Director:
             for number, active in enumerate(self.board.all)
             if self.board.get(active.step.fault) is active and _within_the_bridge(active)
         )
-        if not self._life.go(self.happened.start_ns, faults):  # a slow computer: as soon as it can
+        if not self._life.go(self.happened.start_ns, faults):  # on a slow computer, as soon as possible
             self._clock.at(self._clock.now_ns() + _SOON_NS, self._come_back)
 
     def _count_missing(self, number: int, from_ns: int, until_ns: int) -> None:

@@ -1,4 +1,4 @@
-"""A third node on a live bus: it babbles, replays, forges and sends STOP, from the director's process."""
+"""A third node on a live bus, in the director's process: it babbles, replays, forges and sends STOP."""
 
 from __future__ import annotations
 
@@ -56,7 +56,7 @@ class LiveIntruder:
         self._forging = [entry for entry in self._forging if entry[0] is not active]
 
     def poll(self, now_ns: int) -> None:
-        """Hear what has come, send what is due."""
+        """Receive what has arrived, send what is due."""
         for arrived_ns, frame in self._bus.read(now_ns):
             self._forger.hear(frame.can_id, frame.data)
             if frame.can_id in _SENT_BY_BRIDGE:

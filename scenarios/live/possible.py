@@ -1,4 +1,4 @@
-"""What a scenario may ask for that real processes and a real clock cannot give, and on which bus they can. Pure."""
+"""Which scenarios cannot run live, and which bus each needs. Pure."""
 
 from __future__ import annotations
 
@@ -46,7 +46,7 @@ def impossible_live(scenario: Scenario, spec: BusSpec) -> Impossible | None:
 def live_bus(bus: str | None, *, live: bool, profile: bool) -> BusSpec | None:
     """The bus that `--live --bus` asks for; None for virtual time. Raises InputError for one that may reach a wire.
 
-    There is no consent to give: a live scenario plays the device as well, and injects faults on purpose.
+    No option allows a physical bus: a live scenario plays the device as well, and injects faults on purpose.
     """
     if not live:
         if bus is not None:

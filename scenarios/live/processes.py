@@ -25,7 +25,7 @@ from hilbridge.errors import InputError
 from scenarios.live.bridge import process
 from scenarios.live.bridge.process import Job, Order
 
-START_S = 240.0  # with the imports of the server, on a processor that is slow and busy
+START_S = 240.0  # the server's imports on a slow, busy processor included
 _END_S = 10.0
 _PR_SET_PDEATHSIG = 1
 LOG_CYCLE_MS = 5
@@ -52,7 +52,7 @@ class Lines:
         return [json.loads(line) for line in whole]
 
     def close(self) -> None:
-        """No more of it."""
+        """Close the file."""
         if self._file is not None:
             self._file.close()
 
@@ -81,17 +81,17 @@ class LiveProcess:
         return self._process.pid
 
     def signal(self, number: signal.Signals) -> None:
-        """Send a signal; to one that has ended already it means nothing."""
+        """Send a signal; does nothing to a process that has ended."""
         with contextlib.suppress(ProcessLookupError):
             os.kill(self.pid, number)
 
     def kill(self) -> None:
-        """End it at once, one that hangs too, and see it dead."""
+        """Kill it, suspended or not, and wait for its end."""
         self._process.kill()
         self._process.join(_END_S)
 
     def end(self) -> None:
-        """Wait a moment for it to end by itself, which it has been asked to; kill it if it does not."""
+        """Wait a moment for it to end as asked; kill it if it does not."""
         self._process.join(_END_S)
         if self._process.is_alive():
             self.kill()
@@ -165,7 +165,7 @@ class DeviceHandle(LiveProcess):
         super().end()
 
     def summary(self) -> dict[str, Any]:
-        """Its last word; empty for one that was killed."""
+        """Its last line; empty for a killed one."""
         done = "firmware-sim done "
         for line in self._said.read_text(encoding="utf-8").splitlines():
             if line.startswith(done):
@@ -175,7 +175,7 @@ class DeviceHandle(LiveProcess):
 
 
 def await_ready(*handles: BridgeHandle | DeviceHandle) -> None:
-    """Until all are. Raises InputError for one that will not be."""
+    """Wait until all are ready. Raises InputError for one that does not get ready."""
     end_s = time.monotonic() + START_S
     while not all(handle.ready for handle in handles):
         if time.monotonic() > end_s:
@@ -185,7 +185,7 @@ def await_ready(*handles: BridgeHandle | DeviceHandle) -> None:
 
 
 def _die_with_parent() -> None:
-    """Where Linux offers it: no process is left behind, a stopped one neither, when the director is killed."""
+    """Ask Linux to end this process, even a stopped one, when the director is killed."""
     if sys.platform == "linux":
         ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
         # The parent is the server, which ends with the last holder of this: let that be the director alone.

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
+from hilbridge.files import naming
 from hilbridge.limits import MS
 from hilbridge.observe.recording import Recording
 from hilbridge.observe.signals import SignalRows
@@ -117,7 +118,7 @@ def _all_lived(happened: Happened) -> Judgement:
 
 def write_recording(scenario: Scenario, spec: BusSpec, happened: Happened, path: Path) -> None:
     """Everything that both sides and the director wrote, in order of time, as one MCAP file like virtual time's."""
-    with Recording(path, SignalRows(codec())) as out:
+    with naming(path), Recording(path, SignalRows(codec())) as out:
         for first in first_rows(scenario, str(spec), happened.start_ns):
             out.write(first)
         for row in sorted(_all_rows(happened), key=lambda row: row.time_ns):

@@ -1,4 +1,4 @@
-"""The wire of a simulated bus, broken from the director's process: cuts, bus-off, bit errors, a full bus."""
+"""Wire faults of a simulated bus, made from the director's process: cuts, bus-off, bit errors, a full bus."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _FOREVER_MS = 1e9
 
 
 class SimulatedWire:
-    """Opens the bus first, at the scenario's bit rate, and stays on it as a node that says nothing but babble."""
+    """Opens the bus first, at the scenario's bit rate, and stays on it as a node that sends only babble."""
 
     def __init__(self, channel: str, bus: BusPart, seed: int) -> None:
         """Raises InputError where there can be no such bus, or where one runs at another bit rate."""
@@ -77,7 +77,7 @@ class SimulatedWire:
         self._counted = effects
 
     def close(self) -> None:
-        """Leave the bus, whole: it outlives its nodes by some seconds."""
+        """Leave the bus without faults: it outlives its nodes by some seconds."""
         self._lasting.clear()
         with contextlib.suppress(InputError):  # it has gone already
             self._use()

@@ -53,7 +53,7 @@ class BridgeSide:
         self._boot()
 
     def _boot(self) -> None:
-        """A process that starts: nothing of an earlier one is left."""
+        """A new process: it has no memory of an earlier one."""
         self.predictor = make_predictor(self._scenario)
         self.node = assemble_node(
             parts_of(self._scenario),
@@ -171,7 +171,7 @@ class BridgeSide:
                 self._clock.at(now_ns + round(active["down_ms"] * MS), self._come_back)
 
     def end(self, active: Active) -> None:
-        """A process that goes on takes in what has piled up, as an event loop does, then ticks at once: it is late."""
+        """A resumed process handles what has queued up, as an event loop does, then ticks at once, since it is late."""
         if active.step.fault not in ("bridge.hang", "bridge.stall") or not self.alive:
             return
         if active.step.fault == "bridge.hang":

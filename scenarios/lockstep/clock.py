@@ -20,7 +20,7 @@ class WorldClock(Agenda):
         return self.time_ns
 
     def wait_until(self, when_ns: int) -> None:
-        """For the bus, which waits for nothing here: the agenda says what comes next."""
+        """Called by the bus. It has nothing to wait for here: the agenda decides what comes next."""
         raise AssertionError("the lockstep engine never waits on its bus")
 
     def at(self, when_ns: int, do: Callable[[], None]) -> None:

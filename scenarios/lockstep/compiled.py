@@ -9,12 +9,13 @@ from __future__ import annotations
 import importlib.util
 import os
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 from firmware_sim import controller
 from hilbridge.errors import InputError
+from hilbridge.files import write_whole
+from hilbridge.lease import run_leased
 
 _MARK = "made-by-hilscenario-compile"  # only a folder that has it may be emptied
 # Those at the edge: the process, its files and its bus are not what a scenario runs.
@@ -45,9 +46,9 @@ def compile_device(out: Path) -> Path:
     command = [sys.executable, "-m", "mypyc", "--config-file=", *modules]
     # The third level of optimisation takes twice as long to compile for nothing that can be measured.
     environment = {"MYPYC_OPT_LEVEL": "2", **os.environ}
-    done = subprocess.run(command, cwd=out, env=environment, capture_output=True, text=True, check=False)
+    done = run_leased(command, cwd=out, env=environment)
     if done.returncode:
-        (out / "mypyc.log").write_text(done.stdout + done.stderr, encoding="utf-8")
+        write_whole(out / "mypyc.log", done.stdout + done.stderr)
         raise InputError(f"{out / 'mypyc.log'}: mypyc ended with {done.returncode}; it says why")
     shutil.rmtree(out / "build")
     return out

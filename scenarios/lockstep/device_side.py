@@ -30,7 +30,7 @@ class DeviceSide:
     def __init__(self, scenario: Scenario, board: FaultBoard, bus: BusSide, log: RunLog, chance: random.Random) -> None:
         self._board, self._bus, self._chance = board, bus, chance
         self.device = Device(ControllerState(DEMO_KEY, chance.getrandbits(32)), scenario.device.arm)
-        self.tick_device = self.device.tick  # by name, so that a profile can put its clock around a compiled one
+        self.tick_device = self.device.tick  # by name, so that a profile can wrap a compiled one
         self.tap = Tap("device", board, scenario.seed)
         self.probe = DeviceProbe(log.tracks, log.record if log.is_recorded else None)
         self.dropped = 0  # frames that the controller chip did not take
@@ -62,7 +62,7 @@ class DeviceSide:
     def end(self, active: Active) -> None:
         """... and ends."""
         if active.step.fault in PUSHING:
-            self.device.wearer_extra_nm = 0.0  # another one's push comes back with the next tick
+            self.device.wearer_extra_nm = 0.0  # the push of another fault comes back with the next tick
         elif active.step.fault == WRONG_KEY:
             self._start_anew(DEMO_KEY)
         else:

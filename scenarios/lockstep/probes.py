@@ -1,4 +1,4 @@
-"""What is looked at on the device every millisecond, from inside: the truth that expectations are judged on."""
+"""Samples the device's internal state every millisecond: the ground truth for expectations."""
 
 from __future__ import annotations
 
@@ -78,7 +78,7 @@ class DeviceProbe:
         return True
 
     def _put_ages(self, tick_ms: int, time_ms: float) -> None:
-        """They matter only while there is assist that they could forbid."""
+        """Ages matter only while there is assist that they could forbid."""
         put = self._tracks.put
         put(time_ms, "device.act_age_ms", NEVER_MS if self._act_ms is None else float(tick_ms - self._act_ms))
         put(time_ms, "device.hold_age_ms", _age(self._hold_since_ms, tick_ms))

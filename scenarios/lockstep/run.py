@@ -8,6 +8,7 @@ from dataclasses import replace
 from pathlib import Path
 
 from firmware_sim.memory import COUNT_TRIPS
+from hilbridge.files import naming
 from hilbridge.limits import MS
 from hilbridge.observe.recording import Recording
 from hilbridge.observe.signals import SignalRows
@@ -39,7 +40,7 @@ def run_scenario(
         with closing(world.body):
             world.run()
     else:
-        with Recording(recording, SignalRows(codec())) as out:
+        with naming(recording), Recording(recording, SignalRows(codec())) as out:
             for row in first_rows(scenario):
                 out.write(row)
             world = prepared(Lockstep(scenario, out.write))

@@ -1,4 +1,4 @@
-"""Where the parts of a run put what happens: signals to be judged, rows to be recorded."""
+"""Collects what happens in a run: signals to be judged, rows to be recorded."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ _LIMITS = SensorsConfig()
 
 
 class Sight:
-    """What one bridge process has seen. A process that starts again has a new one. `record` is None where nobody does."""
+    """The sensor data of one bridge process. A restarted process has a new one. `record` is None where nobody does."""
 
     def __init__(self, assembler: FeatureAssembler, record: Callable[[Row], None] | None = None) -> None:
         self._assembler, self._record = assembler, record
@@ -82,7 +82,7 @@ class VirtualSenses:
             self._clock.at(arrives_ns + VISION_NS, lambda: self.see(frame, sight))
 
     def see(self, frame: CameraFrame, sight: Sight | None) -> None:
-        """A picture is seen by the process that ran when it was taken, or by none."""
+        """A picture goes to the process that ran when it was taken, or to none."""
         if sight is not None and sight is self.sight and self._is_running():
             hands = detected(self._hands, self._body, frame.captured_ns)
             sight.take_frame(frame, hands, self._clock.time_ns)

@@ -1,4 +1,4 @@
-"""Where a lockstep run's time goes, part by part: the calls between rooms, timed from outside."""
+"""Profiles a lockstep run: processor time of the calls between its parts."""
 
 from __future__ import annotations
 

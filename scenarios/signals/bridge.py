@@ -41,5 +41,5 @@ def bridge_signals(row: TickRow) -> dict[str, Value]:
 
 
 def absent_bridge(why: str) -> dict[str, Value]:
-    """A bridge that hangs, stalls or is dead asks for nothing: what it last said must not stand as if it still did."""
+    """A bridge that hangs, stalls or is dead asks for nothing: its last values must not persist."""
     return {**_ABSENT, "gate.reason": why}

@@ -1,4 +1,4 @@
-"""What a run leaves behind to be judged: changes of named signals, kept as they happen."""
+"""Records changes of named signals while a run goes on."""
 
 from __future__ import annotations
 

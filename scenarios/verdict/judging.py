@@ -27,7 +27,7 @@ class Judgement:
 
     @property
     def is_vacuous_pass(self) -> bool:
-        """It holds, and an implication in it was never put to the test."""
+        """Whether it holds only because the premise of an implication in it never held."""
         return self.holds and self.vacuous
 
 
@@ -46,7 +46,7 @@ class FaultCount:
 
 @dataclass(frozen=True, slots=True)
 class Result:
-    """What one run of one scenario came to."""
+    """The result of one run of one scenario."""
 
     name: str
     seed: int

@@ -7,6 +7,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from pathlib import Path
 
+from hilbridge.files import in_place_of
 from scenarios.verdict.judging import Result, Skipped
 
 _FORBIDDEN = re.compile(r"[^\t\n\r\x20-\ud7ff\ue000-\ufffd]")
@@ -36,7 +37,8 @@ def write_junit(results: Sequence[Result], path: Path, skipped: Sequence[Skipped
         case = ET.SubElement(suite, "testcase", classname="scenarios", name=_clean(one.name), time="0.000")
         ET.SubElement(case, "skipped", message=_clean(f"{one.file}: {one.why}"))
     ET.indent(suite)
-    ET.ElementTree(suite).write(path, encoding="utf-8", xml_declaration=True)
+    with in_place_of(path) as partial:
+        ET.ElementTree(suite).write(partial, encoding="utf-8", xml_declaration=True)
 
 
 def _clean(text: str) -> str:

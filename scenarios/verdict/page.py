@@ -10,6 +10,7 @@ import jinja2
 import markupsafe
 import numpy as np
 
+from hilbridge.files import write_whole
 from hilbridge.observe.report import STATE_COLOURS, as_svg
 from scenarios.format.files import dump_scenario
 from scenarios.signals.trace import Trace
@@ -30,9 +31,7 @@ def write_page(run: Run, path: Path) -> Path:
         source=dump_scenario(run.scenario),
         timeline=markupsafe.Markup(_timeline(run)),
     )
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(page, encoding="utf-8")
-    return path
+    return write_whole(path, page)
 
 
 def _timeline(run: Run) -> str:

@@ -1,4 +1,4 @@
-"""Calls that wait for their time, on one heap. Who owns the clock says when each is due."""
+"""Calls planned for a time, on one heap. The owner of the clock decides when each is due."""
 
 from __future__ import annotations
 

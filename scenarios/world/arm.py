@@ -16,7 +16,7 @@ def opposing(board: FaultBoard, assist: float) -> Active | None:
 
 
 def push_nm(board: FaultBoard, assist: float, now_ns: int) -> float:
-    """Torque of the wearer's arm besides what the wearer means to do. Of `assist` only the sign counts."""
+    """Torque of the wearer's arm beside the intended movement. Only the sign of `assist` counts."""
     torque_nm = 0.0
     if (against := opposing(board, assist)) is not None:
         torque_nm -= math.copysign(against["torque_nm"], assist)

@@ -1,4 +1,4 @@
-"""Lasting faults of the device, as all that are under way make it: one that ends leaves the others as they are. Pure."""
+"""Combines the lasting device faults that are under way: one that ends leaves the others. Pure."""
 
 from __future__ import annotations
 

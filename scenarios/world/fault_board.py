@@ -1,4 +1,4 @@
-"""Which faults are under way and how often each took effect. Everybody who carries one out asks here."""
+"""Which faults are under way, and how often each took effect. Whoever injects a fault asks here."""
 
 from __future__ import annotations
 

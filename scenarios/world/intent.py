@@ -1,4 +1,4 @@
-"""Where estimates come from: the real predictor, an earlier run, or a script that believes what it is told to."""
+"""Sources of estimates: the real predictor, an earlier run, or a script."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ NOTHING = 1.0 / len(VERBS)
 
 
 class Scripted:
-    """Believes in `verb` with `confidence` from each estimate's time on, whatever it sees; before that in nothing."""
+    """Gives the scripted `verb` and `confidence` from each estimate's time on; None before the first."""
 
     def __init__(self, script: tuple[Estimate, ...], start_ns: int = 0) -> None:
         self._script = sorted(script, key=lambda estimate: estimate.at)

@@ -51,12 +51,12 @@ class Person(Protocol):
 
 class Unlabelled:
     def truth(self, t_ns: int) -> Mind | None:
-        """Nobody wrote down what a recorded wearer was about to do."""
+        """None: the intention of a recorded wearer is not known."""
         return None
 
 
 class Unseen(Unlabelled):
-    """Stands before the sensors of a session whose features are recorded: seen by all of them, and without content."""
+    """The person of a session whose features are recorded: every sensor delivers samples without content."""
 
     def frame(self, t_ns: int) -> CameraFrame:
         return CameraFrame(t_ns, _BLANK, t_ns // STEP_NS, StampSource.HARDWARE, _ONLY_GREY)

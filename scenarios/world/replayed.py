@@ -52,7 +52,7 @@ def _rows(session: Session, *kinds: type[FixedRow]) -> tuple[list[Row], int]:
 
 
 class Believed:
-    """Believes what an earlier run's predictor believed at the same time, whatever it sees."""
+    """Gives the estimates of an earlier run at the same times, whatever the sensors see."""
 
     def __init__(self, session: Session, duration_ns: int, bundle_id: int, start_ns: int = 0) -> None:
         """Raises InputError for a file that is absent, cut off, too short, or not the recording of a run."""
@@ -72,7 +72,7 @@ class Believed:
         self._bundle_id = bundle_id
 
     def step(self, vector: FeatureVector, produced_ns: int) -> IntentEstimate | None:
-        """The belief of that moment; None where there was none yet."""
+        """The estimate at that time; None where there was none yet."""
         found = bisect_right(self._times, produced_ns + self._offset_ns) - 1
         belief = self._beliefs[found] if found >= 0 else None
         if belief is None:

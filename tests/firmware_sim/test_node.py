@@ -290,7 +290,7 @@ def test_bad_input_is_one_line_and_exit_2(
         key.write_text("ab" * 16)
         key.chmod(0o600)
         arguments = [*arguments, "--key-file", str(key)]
-    assert main(arguments) == 2
+    assert main([*arguments, "--seconds", "0.1"]) == 2
     error = capsys.readouterr().err.strip()
     assert cure in error
     assert "\n" not in error

@@ -265,6 +265,8 @@ def test_profiles_are_what_the_bar_leaves_of_the_contracts_table() -> None:
     }
     named = {codes[name]: Profile(*values) for names, values in table.items() for name in names}
     assert {code: profile(code) for code in ASSISTED} == named
+    # Whoever should ever ask for the torque of a verb that is not assisted gets nothing.
+    assert profile(0) == Profile(0, 0, 0, 0, 0, Guidance.NEVER, 0, 1, 1)
 
 
 @requirement("T8", "P5")

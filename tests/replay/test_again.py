@@ -107,9 +107,16 @@ def test_another_threshold_decides_otherwise_and_says_where(troubled: Path, tmp_
 
 def other_bundle(path: Path, change: float) -> Path:
     bundle: Bundle = load_bundle(demo_bundle_path())
-    bias = (bundle.weights.head_bias + np.linspace(0, change, bundle.weights.head_bias.size)).astype(np.float32)
-    other = replace(bundle, weights=replace(bundle.weights, head_bias=bias), thresholds=Thresholds(0.33, 0.22))
-    return save_bundle(other, path)
+    added = np.linspace(0, change, bundle.weights.head_bias.size).astype(np.float32)
+    return save_bundle(
+        replace(
+            bundle,
+            weights=replace(bundle.weights, head_bias=bundle.weights.head_bias + added),
+            vectors=replace(bundle.vectors, logits=bundle.vectors.logits + added),
+            thresholds=Thresholds(0.33, 0.22),
+        ),
+        path,
+    )
 
 
 def test_another_bundle_believes_otherwise_and_keeps_the_thresholds_that_were_asked_for(

@@ -14,7 +14,13 @@ from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.port.spec import VIRTUAL_INTERFACES, BusSpec, parse_spec
 from hilbridge.config import BusConfig, Config, GateSection, ModelConfig
 from hilbridge.errors import InputError
+from hilbridge.limits import MS
+from hilbridge.records import Frame
+from hilbridge.runtime import assemble
 from hilbridge.runtime.assemble import Parts, arming_refusal, build_node, gate_config, read_parts
+from hilbridge.runtime.node import BridgeNode
+from hilbridge.wire.codec import Decoded
+from hilbridge.wire.link import WireLink
 
 AFFIRMED: dict[str, object] = {
     "origin": "recorded people",
@@ -43,7 +49,7 @@ def of_people(parts: Parts) -> Parts:
     return replace(parts, bundle=replace(parts.bundle, provenance=AFFIRMED))
 
 
-def node_for(parts: Parts, port: FakePort, config: BusConfig) -> object:
+def node_for(parts: Parts, port: FakePort, config: BusConfig) -> BridgeNode:
     return build_node(parts, port, config, lambda now_ns, text: None)  # type: ignore[arg-type]
 
 
@@ -60,13 +66,54 @@ def test_the_demo_key_may_not_act_on_a_physical_bus(of_people: Parts) -> None:
 
 def test_a_physical_bus_is_listened_to_without_a_key_of_ones_own(parts: Parts) -> None:
     node = node_for(parts, FakePort(True, True), BusConfig(spec="can0"))
-    assert node.bridge._config.listen_only  # type: ignore[attr-defined]
-    assert not node.bridge._config.arm  # type: ignore[attr-defined]
+    assert node.bridge._config.listen_only
+    assert not node.bridge._config.arm
 
 
 def test_a_virtual_bus_arms_by_itself(parts: Parts) -> None:
     node = node_for(parts, FakePort(False, False), BusConfig(spec="vcan0"))
-    assert node.bridge._config.arm  # type: ignore[attr-defined]
+    assert node.bridge._config.arm
+
+
+def arming_nonces(node: BridgeNode, armings: int) -> list[int]:
+    """Nonces of ARM_REQUEST over so many armings, each completed and then lost, by a device that agrees to all."""
+    device, nonces, now_ns = WireLink(node.wire.codec, "CONTROLLER"), [], 0
+
+    def says(message: str, **signals: int | float | str) -> list[Frame]:
+        return node.receive(device.encode(message, signals), now_ns)[1]
+
+    says("CTRL_HB", ProtocolVersion=1, BootNonce=9)
+    says("CTRL_DIAG", Index="MacFailures", MacFailures=0)
+    while len(nonces) < armings:
+        now_ns += 40 * MS
+        says("CTRL_STATUS", State="Follow", Armed=0)
+        for frame in node.tick(None, (), now_ns).frames:
+            message = device.decode(frame)
+            if isinstance(message, Decoded) and message.name == "ARM_REQUEST":
+                nonces.append(int(message.signals["BridgeNonce"]))
+                says("ARM_CHALLENGE", DeviceNonce=len(nonces), Session=1 + len(nonces) % 255)
+                says("CTRL_STATUS", State="Follow", Armed=1, Session=1 + len(nonces) % 255)
+                assert node.bridge.session.armed
+    return nonces
+
+
+@pytest.mark.requirement("P6")
+def test_h1_every_arming_has_a_fresh_nonce_of_full_length(parts: Parts) -> None:
+    node = node_for(parts, FakePort(False, False), BusConfig(spec="vcan0"))
+    nonces = arming_nonces(node, 120)
+    assert len(set(nonces)) == 120
+    for bit in range(32):  # each bit is now this, now that: 2 in 2^120 for a fair one
+        assert {nonce >> bit & 1 for nonce in nonces} == {0, 1}
+
+
+@pytest.mark.requirement("P6")
+def test_h1_the_bridges_nonce_is_32_bits_of_the_system(parts: Parts, monkeypatch: pytest.MonkeyPatch) -> None:
+    drawn = iter((0xFEDCBA98, 0x00000001))
+    asked: list[int] = []
+    monkeypatch.setattr(assemble.secrets, "randbits", lambda bits: (asked.append(bits), next(drawn))[1])
+    node = node_for(parts, FakePort(False, False), BusConfig(spec="vcan0"))
+    assert arming_nonces(node, 2) == [0xFEDCBA98, 0x00000001]
+    assert asked == [32, 32]
 
 
 def test_thresholds_of_the_configuration_win_but_must_make_a_band(parts: Parts) -> None:
@@ -114,6 +161,13 @@ def test_h1_half_a_certificate_is_none(certificate: dict[str, object]) -> None:
     assert arming_refusal({**AFFIRMED, "people": 0}) is not None
     assert arming_refusal({**AFFIRMED, "people": True}) is not None
     assert arming_refusal({**AFFIRMED, "trained_on": "a Simulated wearer"}) is not None
+
+
+@pytest.mark.parametrize("name", ["precision", "delta"])
+@pytest.mark.parametrize("value", [0.0, 1.0, 1.5, -0.1, float("nan"), float("inf"), 1, True, "0.8", None])
+def test_h1_a_certificate_promises_a_share_and_nothing_else(name: str, value: object) -> None:
+    certificate = {"precision": 0.8, "delta": 0.1, "method": "betting", name: value}
+    assert arming_refusal({**AFFIRMED, "certificate": certificate}) is not None
 
 
 def test_h1_one_list_says_what_is_virtual() -> None:

@@ -290,3 +290,13 @@ def test_h8_no_order_of_faults_makes_an_act_come_sooner(sequence: list[tuple[set
                 assert world.now_ms - gap_ms >= EARN_NS // MS
             if row.sensor_problem and row.reason not in (HoldReason.OVERRUN, HoldReason.DEVICE_FAULT):
                 assert row.reason is HoldReason.SENSOR_MISSING
+
+
+def test_only_a_frame_that_this_bridge_alone_may_send_is_anothers() -> None:
+    made, other = World(), WireLink(Codec())
+    for frame in (Frame(0x700, b"12345678"), Frame(0x0A0, b""), Frame(0x001, b"", is_error=True)):
+        made.node.receive(frame, 1)
+    assert made.node.foreign == 0  # a site has nodes of its own; they are no second bridge
+    for name in ("ACT_CMD", "BRIDGE_HB", "ARM_REQUEST"):
+        made.node.receive(other.encode(name, {}), 1)
+    assert made.node.foreign == 3

@@ -73,6 +73,9 @@ def frames_of(hand: Hand, arrival: str) -> tuple[list[Received], bool]:
     if arrival == "act_forged":
         command = hand.act_cmd(frames.GATE_ACT, OPERATE)
         return [command, hand.auth(command, key=b"not the true key")], False
+    if arrival == "act_disturbed":
+        command = hand.act_cmd(frames.GATE_ACT, OPERATE)
+        return [command, hand.act_cmd(frames.GATE_ACT, CUT), hand.auth(command)], False
     if arrival == "corrupt":
         return [Received(frames.ACT_CMD, b"\xff" * 8)], False
     if arrival == "duplicate":
@@ -108,8 +111,9 @@ def invariants(hand: Hand, before: State, assist_before: int, arrival: str) -> N
         or (s.armed and s.command_live and not s.command_is_hold and age_ms < watchdogs.COMMAND_LIMIT_MS),
         "ASSIST only under a valid E2E machine": s.state != State.ASSIST or receiver.machine == e2e.Machine.VALID,
         "ASSIST only out of READY": s.state != State.ASSIST or before in (State.READY, State.ASSIST),
-        "READY only out of FOLLOW or a clean ramp": s.state != State.READY
-        or before in (State.FOLLOW, State.READY, State.RAMP_DOWN),
+        "READY only out of FOLLOW, a clean ramp or an assist of zero": s.state != State.READY
+        or before in (State.FOLLOW, State.READY, State.RAMP_DOWN)
+        or (before == State.ASSIST and assist_before == 0),
         "a latch is left only by clearing": before not in latched or s.state in latched or arrival == "clear",
         "an emergency stop is no mere latch": before != State.ESTOP or s.state != State.LATCHED,
         "no session while latched": s.state not in latched or not s.armed,
@@ -128,9 +132,10 @@ def invariants(hand: Hand, before: State, assist_before: int, arrival: str) -> N
 INVARIANTS = 15
 
 
-def quantum(hand: Hand, arrival: str) -> None:
-    """One quantum of the real code, invariants after every tick."""
+def quantum(hand: Hand, arrival: str) -> bool:
+    """One quantum of the real code, invariants after every tick. True where an assist ended that was at zero by itself."""
     received, local_clear = frames_of(hand, arrival)
+    at_zero = False
     for k in range(QUANTUM_MS):
         before, assist = hand.state.state, hand.outputs.assist_unm
         hand.tick(
@@ -141,6 +146,8 @@ def quantum(hand: Hand, arrival: str) -> None:
         if k == 0 and arrival == "arm" and hand.state.armed and hand.state.session != hand.session:
             hand.session, hand.key, hand.freshness = hand.state.session, hand.session_key, 0
         invariants(hand, before, assist, arrival)
+        at_zero |= before == State.ASSIST != hand.state.state and assist == 0
+    return at_zero
 
 
 def explore(limit: int | None, seed: int) -> tuple[dict[Model, Hand], int, list[str]]:
@@ -163,12 +170,12 @@ def explore(limit: int | None, seed: int) -> tuple[dict[Model, Hand], int, list[
             queue.rotate(-rng.randrange(len(queue)))
         model = queue.popleft()
         for arrival in INPUTS:
-            expected = step(model, arrival)
-            hand = clone(found[model])
+            hand, at_zero = clone(found[model]), False
             try:
-                quantum(hand, arrival)
+                at_zero = quantum(hand, arrival)
             except Broken as broken:
                 wrong.append(str(broken))
+            expected = step(model, arrival, at_zero)
             replayed += 1
             got = abstract(hand)
             if got != expected:

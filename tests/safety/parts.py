@@ -5,8 +5,9 @@ from __future__ import annotations
 import sys
 import time
 
-from tests.safety import campaign, checking, harm, mutation
+from tests.safety import campaign, checking, harm, mutation, planted
 from tests.safety.processes import hung
+from tests.safety.server import run as server
 from tests.safety.table import Row, Scale
 from tests.safety.tools.branches import run as branches
 from tests.safety.wire import conformance, corruption, forgery, fuzz, replay
@@ -21,13 +22,26 @@ PARTS = {
     "fuzz": fuzz.run,
     "branches": branches,
     "mutation": mutation.run,
+    "defects": planted.run,
     "campaign": campaign.run,  # takes all cores by itself
     "hung": hung.run,
+    "server": server.run,
 }
 
 
-# Everything that only computes, two parts at a time; real time is for `hung`, which has the machine to itself.
-LONGEST_FIRST = ("mutation", "harm", "model", "fuzz", "replay", "forgery", "branches", "conformance", "corruption")
+# Everything that only computes, two parts at a time; `hung` and `server` run in real time and have the machine to themselves.
+LONGEST_FIRST = (
+    "mutation",
+    "harm",
+    "model",
+    "defects",
+    "fuzz",
+    "replay",
+    "forgery",
+    "branches",
+    "conformance",
+    "corruption",
+)
 LANES = 2
 
 

@@ -122,8 +122,10 @@ clinical sign-off; nothing here is a medical device, and no figure below has bee
 | `fuzz` | decode on both ends under random and coverage-guided input |
 | `branches` | full branch coverage of the files that decide |
 | `mutation` | a process per mutant; survivors argued one by one in `tests/safety/equivalent_mutants.json` |
+| `defects` | 60 small defects at edges (attachment, node, senses, assembly, simulated bus): each found by the test named |
 | `campaign` | 26 fault classes x 200 instants x 4 gate states on the whole system in lockstep; planted defects found |
 | `hung` | bridge stopped, stalled, killed, link down and up, in real processes: time to zero assist |
+| `server` | the simulated bus's process: fuzzed requests, hostile connections, impossible faults; an honest client |
 
 What this does not show: that the model leaves nothing out (it has no dwell, no torque values and no plant faults; those
 have tests of their own); that an interposer who withholds single frames for a multiple of 10.24 s while passing others

@@ -12,7 +12,7 @@ from firmware_sim.secoc import DEMO_KEY
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.limits import MS
 from hilbridge.records import Action, Frame, GateDecision, HoldReason
-from hilbridge.wire.codec import Codec, Decoded
+from hilbridge.wire.codec import Codec, Decoded, RejectReason
 from hilbridge.wire.link import WireLink
 from hilbridge.wire.secoc import Authenticator
 from tests.safety.stepping import Outputs, step
@@ -63,8 +63,16 @@ class Rig:
         self.history: list[tuple[int, str, int]] = []
         self._queue: list[Received] = []
 
+    def stranger(self, *frames: Received) -> None:
+        """Frames of somebody else on the bus: device and bridge hear them."""
+        self.put(*frames)
+        for frame in frames:
+            for heard in self.to_bridge(frame):
+                if self.bridge_runs:
+                    self._bridge_hears(heard, self.now_ms * MS)
+
     def put(self, *frames: Frame | Received) -> None:
-        """Frames that reach the device in the next millisecond, besides what the bridge sends."""
+        """Frames that reach the device in the next millisecond and nobody else, besides what the bridge sends."""
         for frame in frames:
             taken = frame if isinstance(frame, Received) else Received(frame.can_id, frame.data)
             self._queue += self.to_device(taken)
@@ -103,6 +111,8 @@ class Rig:
         message = self.wire.decode(Frame(heard.can_id, heard.data, received_ns=now_ns))
         if isinstance(message, Decoded):
             self._bridge_sends(self.bridge.on_message(message.name, message.signals, message.counter, now_ns))
+        elif message.reason is RejectReason.UNKNOWN_ID:
+            self.bridge.session.on_stranger(message.name, now_ns)
 
     def until(self, state: str, limit_ms: int = 3000) -> Rig:
         """Run until the device is in `state`."""

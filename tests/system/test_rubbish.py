@@ -6,6 +6,7 @@ In this process, since what is tested is what leaves `guarded`; a sample goes th
 from __future__ import annotations
 
 import random
+import resource
 import signal
 import subprocess
 import sys
@@ -18,7 +19,11 @@ import typer
 from firmware_sim import node
 from hilbridge import cli
 from hilbridge.guard import guarded
+from hilbridge.wire.dbc import default_dbc_path
 from scenarios import cli as scenario_cli
+from scenarios.format.files import load_scenario
+from scenarios.lockstep.run import run_scenario
+from tests.scenarios.made import CATALOG
 
 RUBBISH: dict[str, Callable[[Path], object]] = {
     "absent": lambda path: None,
@@ -56,12 +61,28 @@ COMMANDS: dict[str, tuple[typer.Typer, tuple[str, ...]]] = {
     "certify": (cli.app, ("certify", "--people", "2", "--bundle", "{}")),
     "data describe": (cli.app, ("data", "describe", "{}")),
     "data pack": (cli.app, ("data", "pack", "{}")),
+    "demo": (cli.app, ("demo", "--seconds", "3", "--out", "{}")),
+    "demo bus": (cli.app, ("demo", "--seconds", "3", "--bus", "{}")),
+    "bench": (cli.app, ("bench", "{}")),
+    "fetch-models": (cli.app, ("fetch-models", "{}")),
+    "dbc": (cli.app, ("dbc", "--out", "{}/ours.dbc")),
+    "candump": (cli.app, ("candump", "--seconds", "0.1", "--bus", "{}")),
+    "docs": (cli.app, ("docs", "{}")),
+    "train": (cli.app, ("train", "--people", "8", "--seconds", "10", "--out", "{}/b", "--work", "{}/work")),
+    "certify write": (cli.app, ("certify", "--people", "2", "--bundle", "{}", "--write", "{}")),
     "evaluate": (cli.app, ("evaluate", "--data", "{}", "--out", "{}.out")),
     "scenario run": (scenario_cli.app, ("run", "{}", "--jobs", "1")),
     "scenario list": (scenario_cli.app, ("list", "{}")),
     "scenario campaign": (scenario_cli.app, ("campaign", "{}", "--jobs", "1", "--out", "{}.out")),
     "scenario minimise": (scenario_cli.app, ("minimise", "{}")),
+    "scenario out": (scenario_cli.app, ("run", "catalog/dropout-gaze-off.yaml", "--jobs", "1", "--out", "{}")),
+    "scenario compile": (scenario_cli.app, ("compile", "--out", "{}")),
+    "scenario figures": (scenario_cli.app, ("figures", "{}")),
+    "scenario faults": (scenario_cli.app, ("faults", "{}")),
+    "scenario schema": (scenario_cli.app, ("schema", "{}")),
 }
+# What a command rightly takes: a folder, or a name that is free.
+TAKES = dict.fromkeys(("demo", "train", "dbc", "scenario out", "scenario compile"), ("absent", "folder"))
 WORDS: list[tuple[typer.Typer, tuple[str, ...]]] = [
     (cli.app, ("nonsense",)),
     (cli.app, ("demo", "--seconds", "nan")),
@@ -117,9 +138,27 @@ def test_rubbish_is_one_line(command: str, tmp_path: Path, capfd: pytest.Capture
     for kind, make in RUBBISH.items():
         path = tmp_path / f"{kind.replace(' ', '-')}.yaml"
         make(path)
-        if (command, kind) == ("data pack", "folder"):  # no session lacks a pack there
+        if kind in TAKES.get(command, ()):
             continue
         one_line(app, tuple(word.replace("{}", str(path)) for word in words), capfd)
+
+
+def test_the_doctor_calls_rubbish_ill(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    for kind, make in RUBBISH.items():
+        path = tmp_path / kind
+        make(path)
+        words = [
+            "doctor",
+            *(word for option in ("bus", "bundle", "camera", "gaze") for word in (f"--{option}", str(path))),
+        ]
+        code = guarded(lambda: cli.app(words, standalone_mode=False), "hilbridge")  # noqa: B023 - called at once
+        said = capfd.readouterr()
+        assert code == 1, f"{kind}: {said}"
+        assert said.err == ""
+        for part in ("bus", "bundle", "camera", "gaze"):
+            assert any(line.startswith("ill") and f" {part} " in line for line in said.out.splitlines()), (
+                f"{kind}: {part}"
+            )
 
 
 @pytest.mark.parametrize(("app", "arguments"), WORDS, ids=lambda value: " ".join(value) if type(value) is tuple else "")
@@ -153,9 +192,58 @@ def test_the_device_says_one_line_too(arguments: list[str], capfd: pytest.Captur
     assert "Traceback" not in said
 
 
+def _small_files() -> None:
+    resource.setrlimit(resource.RLIMIT_FSIZE, (512, resource.RLIM_INFINITY))
+
+
+@pytest.fixture(scope="module")
+def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("recording") / "recording.mcap"
+    scenario = load_scenario(CATALOG / "dropout-gaze-off.yaml")
+    run_scenario(scenario, recording=path)
+    return path
+
+
 @pytest.mark.parametrize(
     ("program", "words"),
-    [("hilbridge.cli", ["dbc"]), ("hilbridge.cli", ["docs"]), ("scenarios.cli", ["list", "catalog"])],
+    [
+        ("hilbridge.cli", ["dbc", "--out", "{out}/x"]),
+        ("hilbridge.cli", ["report", "{recording}", "--out", "{out}/x.html"]),
+        ("hilbridge.cli", ["recover", "{recording}", "--out", "{out}/x.mcap"]),
+        ("hilbridge.cli", ["demo", "--seconds", "3", "--bus", "hilsim:full", "--out", "{out}"]),
+        ("hilbridge.cli", ["train", "--people", "8", "--seconds", "10", "--out", "{out}/b", "--work", "{out}"]),
+        ("scenarios.cli", ["run", "catalog/dropout-gaze-off.yaml", "--jobs", "1", "--out", "{out}"]),
+    ],
+    ids=lambda value: value[0] if type(value) is list else "",
+)
+def test_a_full_disk_is_one_line_that_names_the_file(
+    program: str, words: list[str], recording: Path, tmp_path: Path
+) -> None:
+    """No file may grow beyond 512 bytes: the same error path as that of a disk without space."""
+    filled = [word.format(out=tmp_path / "full", recording=recording) for word in words]
+    command = [sys.executable, "-m", program, *filled]
+    done = subprocess.run(command, capture_output=True, text=True, check=False, preexec_fn=_small_files)
+    assert done.returncode == 2, done.stderr
+    said = done.stderr.strip().splitlines()[-1]
+    assert "Traceback" not in done.stderr
+    assert "defect" not in done.stderr
+    assert str(tmp_path / "full") in said, said
+    assert "large" in said
+
+
+@pytest.mark.parametrize(
+    ("program", "words"),
+    [
+        ("hilbridge.cli", ["dbc"]),
+        ("hilbridge.cli", ["docs"]),
+        ("hilbridge.cli", ["--help"]),
+        ("hilbridge.cli", ["bus-analysis", str(default_dbc_path())]),
+        ("hilbridge.cli", ["doctor", "--bus", "hilsim:closed"]),
+        ("scenarios.cli", ["list", "catalog"]),
+        ("scenarios.cli", ["figures"]),
+        ("scenarios.cli", ["faults"]),
+        ("scenarios.cli", ["schema"]),
+    ],
 )
 def test_a_closed_or_full_output_is_one_line(program: str, words: list[str]) -> None:
     command = [sys.executable, "-m", program, *words]

@@ -1,6 +1,6 @@
 """The parts of docs/protocol.md that repeat the code: tables from the DBC, worked numbers from both ends.
 
-`python -m tests.tools.protocol_page` writes them into the page; tests/test_docs.py fails where the page differs.
+`python -m tests.tools.protocol_page` writes them into the page; tests/house/test_docs.py fails where the page differs.
 """
 
 from __future__ import annotations
@@ -46,7 +46,7 @@ _MEANING = {
     Reject.AGE: "an ACT on sensing older than 150 ms, or of unknown age",
     Reject.VERB: "an ACT for a verb that is never assisted",
     Reject.AUTH_MISSING: "an ACT without its ACT_AUTH in time, or overtaken by the next ACT_CMD",
-    Reject.AUTH_UNPAIRED: "an ACT_AUTH without a waiting ACT",
+    Reject.AUTH_UNPAIRED: "an ACT_AUTH without a waiting ACT, or right for one that waits no longer",
     Reject.MAC: "a MAC that is wrong, of ACT_AUTH or ARM_RESPONSE",
     Reject.HANDSHAKE: "an ARM_REQUEST in the wrong state, an ARM_RESPONSE too late or without a challenge",
 }
@@ -183,6 +183,7 @@ def numbers() -> str:
         ("gap between two 1 ms ticks of the device's own time", f"{watchdogs.TICK_LIMIT_MS} ms", "LATCHED"),
         ("one assist", f"{watchdogs.DWELL_LIMIT_MS} ms", "RAMP_DOWN, then FOLLOW: authorise anew"),
         ("ARM_RESPONSE after ARM_CHALLENGE", f"{watchdogs.CHALLENGE_LIMIT_MS} ms", "refused"),
+        ("rest after a disturbed handshake failed", f"{watchdogs.DISTURBED_REST_MS} ms", "no request is answered"),
         ("local action after an authenticated ClearLatch", f"{watchdogs.CLEAR_LIMIT_MS} ms", "not cleared"),
         ("trips", f"{watchdogs.TRIP_LIMIT} in {watchdogs.TRIP_WINDOW_MS} ms", "LATCHED"),
         ("wrong MACs since boot or clearing", f"{watchdogs.MAC_FAILURE_LIMIT}", "LATCHED"),
@@ -204,6 +205,11 @@ def numbers() -> str:
             "never sent; session dropped",
         ),
         ("ARM_CHALLENGE after ARM_REQUEST", f"{limits.CHALLENGE_WAIT_NS // limits.MS} ms", "asks again, same nonce"),
+        (
+            "ARM_CHALLENGE after somebody else's ARM_REQUEST",
+            f"{limits.STRANGER_NS // limits.MS} ms",
+            "not answered; asks again",
+        ),
         ("Armed = 1 after ARM_RESPONSE", f"{limits.CONFIRM_WAIT_NS // limits.MS} ms", "asks again"),
     ]
     lines = ["| End | What | Limit | Then |", "|---|---|---|---|"]

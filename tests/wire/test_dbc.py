@@ -79,8 +79,19 @@ def test_a_dbc_lacking_a_message_is_one_line_naming_it(name: str, tmp_path: Path
         ("BO_ 96 ACT_CMD: 8", "BO_ 96 ACT_CMD: 9", "cannot carry E2E profile 5"),
         (' SG_ Counter : 16|8@1+ (1,0) [0|255] "" CONTROLLER\n SG_ Gate', " SG_ Gate", "cannot carry E2E profile 5"),
         ("NS_ :", "NS_ ((", "invalid syntax at line 3"),
+        (" SG_ Verb : 26|5@1+ (1,0)", " SG_ Verb : 26|5@1+ (0,0)", "message ACT_CMD has a signal of scale 0"),
+        ("BA_DEF_ BO_", "SIG_VALTYPE_ 289 BootNonce : 1;\nBA_DEF_ BO_", "message CTRL_HB has floating-point signals"),
     ],
-    ids=["signal", "attribute", "big-endian", "length", "header", "syntax"],  # by hand: a `|` in a name ends it
+    ids=[
+        "signal",
+        "attribute",
+        "big-endian",
+        "length",
+        "header",
+        "syntax",
+        "scale",
+        "float",
+    ],  # by hand: a `|` in a name ends it
 )
 def test_a_dbc_that_cannot_be_used_is_one_line(old: str, new: str, error: str, tmp_path: Path) -> None:
     text = default_dbc_path().read_text()
@@ -197,6 +208,38 @@ def test_without_a_range_the_bits_are_the_range_and_offsets_count(tmp_path: Path
     assert (angle.offset, angle.lowest, angle.highest) == (-30.5, 122, 1023)
     # A message without E2E has no header: its first bit is one like any other, and unused here.
     assert messages["SITE"].contents[None].reserved_bits == 1
+
+
+@pytest.mark.parametrize(
+    ("layout", "lowest", "highest"),
+    [
+        ("(-1,100) [0|100]", 0, 100),
+        ("(-1,100) [-10|70]", 30, 110),
+        ("(-2,0) [-100|0]", 0, 50),
+        ("(0.5,0) [0|10]", 0, 20),
+        ("(1,0) [0|1e999]", 0, 127),
+        ("(1,0) [-1e999|9]", 0, 9),
+        ("(-1,0) [-1e999|-9]", 9, 127),
+    ],
+    ids=["falling", "falling, cut", "falling by 2", "half", "no end", "no beginning", "falling, no end"],  # see above
+)
+def test_a_range_holds_whichever_way_the_scale_points_and_an_infinite_one_limits_nothing(
+    layout: str, lowest: int, highest: int, tmp_path: Path
+) -> None:
+    path = tmp_path / "site.dbc"
+    text = default_dbc_path().read_text()
+    assert " SG_ Confidence : 31|7@1+ (1,0) [0|100]" in text
+    path.write_text(text.replace("Confidence : 31|7@1+ (1,0) [0|100]", f"Confidence : 31|7@1+ {layout}"))
+    confidence = Codec(path).messages["ACT_CMD"].signals[2]
+    assert (confidence.name, confidence.lowest, confidence.highest) == ("Confidence", lowest, highest)
+
+
+def test_a_file_without_any_attribute_says_which_is_missing(tmp_path: Path) -> None:
+    path = tmp_path / "site.dbc"
+    lines = default_dbc_path().read_text().splitlines()
+    path.write_text("\n".join(line for line in lines if not line.startswith(("BA_", "CM_"))) + "\n")
+    with pytest.raises(DbcError, match="lacks the attribute E2EDataId"):
+        Codec(path)
 
 
 def site_dbc(path: Path, messages: str, rest: str = "") -> Path:

@@ -57,8 +57,15 @@ def play(
     for node in senders:
         assert node.sending is not None
         parties[node.number] = Party(encode(node.sending.frame), node.confinement.is_passive)
+    # Receivers that see the same bits in the same state do the same: one of each kind is played for all of them.
+    alone = set(flips.values())
+    alike: dict[Party | int, list[int]] = {}
     for node in listeners:
-        parties[node.number] = Party(None, node.confinement.is_passive, node.acknowledges, node.listen_only)
+        party = Party(None, node.confinement.is_passive, node.acknowledges, node.listen_only)
+        kind = alike.setdefault(node.number if node.number in alone else party, [])
+        if not kind:
+            parties[node.number] = party
+        kind.append(node.number)
     outcome = run_attempt(parties, flips)
     first = parties[senders[0].number].frame
     assert first is not None
@@ -66,4 +73,6 @@ def play(
     begin, end = first.data_phase
     last = outcome.end_bit if outcome.detected_bit is None else outcome.detected_bit + 1
     data_bits = max(0, min(end, last) - begin)
-    return outcome.parties, outcome.end_bit - data_bits, data_bits
+    results = {node.number: outcome.parties[node.number] for node in senders}
+    results |= {number: outcome.parties[kind[0]] for kind in alike.values() for number in kind}
+    return results, outcome.end_bit - data_bits, data_bits

@@ -113,8 +113,10 @@ def flipped_bit(bit: Where | int, frame: EncodedFrame) -> int:
 class FaultState:
     """The running part: random numbers drawn so far, corruptions left, effects counted by name of the fault."""
 
-    def __init__(self, faults: WireFaults) -> None:
+    def __init__(self, faults: WireFaults, since_ns: int = 0) -> None:
+        """`since_ns`: when the faults came; none of them reaches into the time before."""
         self.faults = faults
+        self._since_ns = since_ns
         self.effects: Counter[str] = Counter()
         self.any_corruption = bool(faults.corruptions)
         self._left = [corruption.count for corruption in faults.corruptions]
@@ -166,6 +168,7 @@ class FaultState:
 
     def next_babble(self, node: str, from_ns: int) -> tuple[int, Babble] | None:
         """What the node babbles next, from that time on, and when."""
+        from_ns = max(from_ns, self._since_ns)
         times = [
             (max(fault.from_ns, from_ns), fault)
             for fault in self.faults.babbles

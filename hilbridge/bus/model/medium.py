@@ -40,6 +40,7 @@ class Medium:
         self._now_ns = 0
         # Before this time `advance` has nothing to do: exact after each call, 0 once something has changed.
         self.due_ns = 0
+        self._moved = False
         self._bit_ns = NS_PER_S // bitrate if NS_PER_S % bitrate == 0 else 0
         self._intermission_ns = self.duration_ns(INTERMISSION_BITS)
         self._sequence_ns = self.duration_ns(RECOVERY_SEQUENCE_BITS)
@@ -64,6 +65,7 @@ class Medium:
     def detach(self, number: int) -> None:
         """Take a node off with all it had queued; a frame it has on the wire still ends there."""
         self.nodes.remove(number)
+        self._wires.pop(number, None)  # the stub of a node that was cut off: nobody else hangs on it
 
     def rename(self, number: int, name: str) -> None:
         """Give a node the name by which faults know it."""
@@ -87,7 +89,7 @@ class Medium:
     def use_faults(self, faults: WireFaults) -> None:
         """Exchange the faults; their counters and random numbers begin anew."""
         self.faults = faults
-        self.fault_state = FaultState(faults)
+        self.fault_state = FaultState(faults, self._now_ns)
         self._disturbed = faults.bit_error_rate > 0 or bool(faults.corruptions)
         self._script = self.fault_state if faults.babbles or faults.stalls else None
         edges = {edge for cut in faults.cuts for edge in (cut.from_ns, cut.until_ns)}
@@ -100,7 +102,9 @@ class Medium:
         """Hang the node on the bus or, while it is cut off, on a stub of its own."""
         node.acknowledges = not node.listen_only and node.name not in self.faults.no_ack
         cut = self.fault_state.is_cut(node.name, self._now_ns)
-        node.wire = node.number if cut else 0
+        wire = node.number if cut else 0
+        if node.wire != wire:  # it takes part from now on, and not in what this wire's silence has left free before
+            node.wire, node.earliest_ns = wire, max(node.earliest_ns, self._now_ns)
         if cut:
             self.fault_state.effects["cut"] += 1
             self._wires.setdefault(node.number, Wire(node.number, self._now_ns))
@@ -165,7 +169,11 @@ class Medium:
         """Let every wire run; gives when the first of them has something to do again."""
         if len(self._wires) == 1:
             return self._run(self._wires[0], now_ns, events)
-        due_ns = min([self._run(wire, now_ns, events) for wire in list(self._wires.values())])
+        while True:
+            self._moved = False
+            due_ns = min([self._run(wire, now_ns, events) for wire in list(self._wires.values())])
+            if not self._moved:
+                break
         events.sort(key=lambda event: event.at_ns)
         return due_ns
 
@@ -248,5 +256,10 @@ class Medium:
         for node in over.senders:
             if node.confinement.is_passive:
                 node.earliest_ns = over.free_ns + self.duration_ns(SUSPEND_BITS)
+            if (
+                node.wire != wire.number
+            ):  # it was moved to another wire meanwhile, which may have been looked at already
+                node.earliest_ns = max(node.earliest_ns, over.free_ns)
+                self._moved = True
         if self.nodes.off:  # the end of any frame and of any error frame, with intermission, is eleven recessive bits
             self.nodes.count_recessive(wire.recovering(self.nodes), 1, over.free_ns, events)

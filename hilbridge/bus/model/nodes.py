@@ -220,5 +220,6 @@ class Population:
         for node in list(nodes):
             if node.confinement.recessive_sequences(sequences):
                 del self.off[node.number]
+                node.earliest_ns = max(node.earliest_ns, at_ns)  # a babbling one begins anew then, not before
                 self.changed()
                 self._note(node, at_ns, events)

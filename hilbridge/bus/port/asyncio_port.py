@@ -95,7 +95,7 @@ class BusPort:
         self.listen_only = self.is_physical if self._asked_listen_only is None else self._asked_listen_only
         self._change(link_up=True, reason="")
         self._watch()
-        self._loop.call_soon(self._on_readable)  # whatever came before the watch, a link already down among it
+        self._loop.call_soon(self._on_readable)  # changes before the watch began, such as a link already down
 
     def _open_backend(self) -> Backend:
         if self.spec.interface == "socketcan":
@@ -164,7 +164,7 @@ class BusPort:
                 self._change(tx_errors=event.tx_errors, rx_errors=event.rx_errors)
         else:
             self.counters.received += 1
-        if len(self._received) >= _RX_LIMIT:  # the newest matters most to a controller
+        if len(self._received) >= _RX_LIMIT:  # a controller needs the newest most
             self._received.popleft()
             self.counters.overflow_port += 1
         self._received.append(frame)
@@ -301,7 +301,7 @@ class BusPort:
             self._retry = self._loop.call_later(_RETRY_S, self._retry_pending)
 
     async def close(self) -> None:
-        """Let go of the bus. May be called again."""
+        """Close the bus. May be called again."""
         backend, self._backend = self._backend, None
         if backend is None:
             return

@@ -9,7 +9,7 @@ from hilbridge.records import Frame
 
 
 class WriteResult(StrEnum):
-    """What became of a frame handed to the backend."""
+    """What happened to a frame handed to the backend."""
 
     SENT = "sent"
     FULL = "full"
@@ -47,4 +47,4 @@ class Backend(Protocol):
         """Open anew after LinkDown with `reopen`. Raises BusUnavailable."""
 
     def close(self) -> None:
-        """Let go of everything."""
+        """Release everything."""

@@ -128,7 +128,7 @@ class PythonCanBackend:
         self._closing.set()
         for thread in self._threads:
             thread.join(timeout=2.0)
-        with contextlib.suppress(Exception):  # a driver whose adapter was unplugged cannot say goodbye to it
+        with contextlib.suppress(Exception):  # closing fails where the adapter was unplugged
             self._bus.shutdown()
 
 

@@ -86,7 +86,7 @@ class SimulatedBackend:
         }.get(outcome, WriteResult.REFUSED)
 
     def is_up(self) -> bool:
-        """A simulated bus is up while its process lives, which `reopen` finds out."""
+        """True: a simulated bus is up while its process lives, and `reopen` finds out."""
         return True
 
     def reopen(self) -> None:

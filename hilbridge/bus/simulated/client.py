@@ -118,6 +118,8 @@ class BusClient:
             try:
                 if self._try_port(port, flags):
                     return True
+            except BusNotReachable:
+                raise
             except OSError:
                 continue
         return False
@@ -131,6 +133,10 @@ class BusClient:
             welcome = read_within(receive, _HANDSHAKE_S)
             if welcome.kind != Kind.WELCOME:
                 receive.close()
+                if welcome.kind == Kind.FULL:
+                    raise BusNotReachable(
+                        f"the simulated bus {self.name!r} has all the clients that it takes; close some"
+                    )
                 return False
             transmit = open_stream((HOST, port), _HANDSHAKE_S)
         except OSError:

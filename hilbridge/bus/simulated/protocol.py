@@ -16,6 +16,7 @@ import struct
 import sys
 import zlib
 from collections import deque
+from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -44,6 +45,7 @@ class Kind(IntEnum):
     STATE = 6
     CONTROL = 7
     ANSWER = 8
+    FULL = 9
 
 
 class Flag:
@@ -195,6 +197,19 @@ class RecordReader:
         self._partial = b""
         return unpack(raw)
 
+    def read_some(self, limit: int) -> list[Record]:
+        """At most `limit` records with one call to the kernel. Raises ConnectionResetError at the end of the stream."""
+        try:
+            raw = self._stream.recv(limit * RECORD_BYTES - len(self._partial))
+        except (BlockingIOError, InterruptedError):
+            return []
+        if not raw:
+            raise ConnectionResetError("the client has gone")
+        raw = self._partial + raw
+        whole = len(raw) // RECORD_BYTES * RECORD_BYTES
+        self._partial = raw[whole:]
+        return [unpack(raw[start : start + RECORD_BYTES]) for start in range(0, whole, RECORD_BYTES)]
+
 
 def open_stream(address: tuple[str, int], timeout_s: float) -> socket.socket:
     """Connect without Nagle's delay. Raises OSError."""
@@ -218,14 +233,17 @@ def read_within(stream: socket.socket, timeout_s: float) -> Record:
 class RecordWriter:
     """A non-blocking stream of records. What does not fit is dropped and counted, like a full socket receive queue."""
 
-    def __init__(self, stream: socket.socket) -> None:
+    def __init__(self, stream: socket.socket, on_block: Callable[[bool], None] = lambda blocked: None) -> None:
+        """`on_block` is told when records begin to wait for their reader (True) and when none does any more."""
         self.stream = stream
         self.dropped = 0
-        self.kept: deque[bytes] = deque()
+        self.kept_bytes = 0
+        self._kept: deque[bytes] = deque()
+        self._on_block = on_block
 
     def push(self, raw: bytes, *, keep: bool = False) -> bool:
         """Send now; gives False where the reader is so slow that the record was dropped (`keep` queues it instead)."""
-        if not self.kept:
+        if not self._kept:
             try:
                 sent = self.stream.send(raw)
             except (BlockingIOError, InterruptedError):
@@ -235,27 +253,37 @@ class RecordWriter:
             if sent == len(raw):
                 return True
             if sent:
-                self.kept.append(raw[sent:])
+                self._keep(raw[sent:])
                 return True
         if keep:
-            self.kept.append(raw)
+            self._keep(raw)
             return True
         self.dropped += 1
         return False
 
+    def _keep(self, raw: bytes) -> None:
+        if not self._kept:
+            self._on_block(True)
+        self._kept.append(raw)
+        self.kept_bytes += len(raw)
+
     def flush(self) -> None:
-        while self.kept:
-            raw = self.kept.popleft()
+        """Send what waits, as far as the reader takes it."""
+        while self._kept:
+            raw = self._kept.popleft()
             try:
                 sent = self.stream.send(raw)
             except (BlockingIOError, InterruptedError):
                 sent = 0
             except OSError:
-                self.kept.clear()
-                return
+                self._kept.clear()
+                self.kept_bytes = 0
+                break
+            self.kept_bytes -= sent
             if sent < len(raw):
-                self.kept.appendleft(raw[sent:])
+                self._kept.appendleft(raw[sent:])
                 return
+        self._on_block(False)
 
 
 class BusNameTaken(OSError):

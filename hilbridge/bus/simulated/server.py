@@ -11,41 +11,38 @@ import contextlib
 import ctypes
 import json
 import os
-import select
 import socket
 import sys
 import time
 from collections.abc import Callable
-from typing import Any
 
-from hilbridge.bus.model.error_frames import write_error_frame
-from hilbridge.bus.model.events import BusError, Delivered, Enqueued, Event, FrameLost, StateChanged
-from hilbridge.bus.model.frames import WireFrame
+from hilbridge.bus.model.events import Enqueued
 from hilbridge.bus.model.medium import Medium
-from hilbridge.bus.model.nodes import BABBLE_TAG
 from hilbridge.bus.simulated.control import answer
 from hilbridge.bus.simulated.handshake import Client, Reception
-from hilbridge.bus.simulated.protocol import (
-    BusNameTaken,
-    Flag,
-    Kind,
-    Record,
-    claim,
-    frame_record,
-    in_parts,
-    record_frame,
-)
+from hilbridge.bus.simulated.protocol import BusNameTaken, Kind, Record, claim, in_parts, record_frame
+from hilbridge.bus.simulated.requests import REQUEST_LIMIT_BYTES
+from hilbridge.bus.simulated.traffic import Traffic
+from hilbridge.bus.simulated.watch import READ, WRITE
 from hilbridge.priority import Level, use_realtime_scheduling
 
 NS_PER_S = 1_000_000_000
 DEFAULT_LINGER_S = 1.0  # a bus on which nobody is left is gone within two seconds
 _FIRST_CLIENT_WAIT_S = 30.0
-_READS_PER_TURN = 64
+_RECORDS_PER_READ = 4
+_STRANGERS_PER_TURN = 4
 _TURN_S = 0.1
+_READ_WORK_NS = 250_000  # in one turn: who has just come waits for no more than that, and for
+_BUS_WORK_NS = 500_000  # so much of the bus's catching up
+_NO_REST_NS = 2_000_000
+_REST_NS = 200_000
+_SWEEP_NS = 50_000_000
+_MADE_GOOD_WITHIN_NS = 2_000_000  # of work: what every queue holds after a stall takes less
+_OVERLOAD_NS = 5_000_000_000  # from then on nothing is made good, and the bus moves on by a frame a turn
+_OVERLOAD_STEP_NS = 150_000
 _PR_SET_TIMERSLACK = 29
 _WAKE_EARLY_NS = 60_000
 _CLOSING_LIMIT_NS = 100_000_000  # a client that has gone may still send what it had queued, but not for ever
-_CONTROL_LIMIT_BYTES = 1 << 16
 
 
 class BusServer:
@@ -67,10 +64,16 @@ class BusServer:
         self._clock = clock
         self._linger_ns = None if linger_s is None else int(linger_s * NS_PER_S)
         self._idle_until_ns = clock() + int(max(linger_s or 0, _FIRST_CLIENT_WAIT_S) * NS_PER_S)
-        self._reception = Reception(name, listener, medium)
+        self._reception = Reception(name, listener, medium, clock)
         self._by_node = self._reception.by_node
+        self._traffic = Traffic(medium, self._by_node)
         self._orphaned = orphaned
         self._stopped = False
+        self._reached_ns = 0  # of the bus's own time
+        self._behind_since_ns: int | None = None
+        self._overloaded_until_ns = 0
+        self._sweep_ns = 0
+        self._rested_ns = 0
 
     def stop(self) -> None:
         """Leave `run` at its next turn (from another thread: at most a tenth of a second later)."""
@@ -83,9 +86,11 @@ class BusServer:
                 now_ns = self._clock()
                 if not self._by_node and self._linger_ns is not None and self._unwanted(now_ns):
                     return
-                self._dispatch(now_ns)
+                self._catch_up(now_ns)
                 self._drop_closed(now_ns)
-                self._wait()
+                if now_ns >= self._sweep_ns:
+                    self._sweep(now_ns)
+                self._serve_ready(self._wait())
         finally:
             self._reception.close()
 
@@ -98,146 +103,152 @@ class BusServer:
             self._idle_until_ns = soon_ns
         return False
 
-    def _wait(self) -> None:
+    def _pause_s(self) -> float:
         # A sleep ends late by some ten microseconds, a frame lasts a quarter millisecond: wake early, then look often.
-        left_ns = self.medium.due_ns - self._clock() - _WAKE_EARLY_NS
-        timeout_s = min(_TURN_S, max(0, left_ns) / NS_PER_S)
-        writers = [
-            box.stream
-            for client in self._by_node.values()
-            for box in (client.deliveries, client.credits)
-            if box is not None and box.kept and not client.deaf
-        ]
-        reception = self._reception
-        readers = [reception.listener, *reception.pending, *reception.by_socket]
-        readable, writable, _ = select.select(readers, writers, [], timeout_s)
-        for stream in writable:
-            client = reception.by_socket.get(stream)
-            if client is not None:
-                box = client.deliveries if stream is client.receive else client.credits
-                if box is not None:
-                    box.flush()
-        for stream in readable:
-            self._read(stream)
+        if self._behind_since_ns is not None:
+            return 0.0
+        left_ns = self.medium.due_ns + self._traffic.slip_ns - self._clock() - _WAKE_EARLY_NS
+        return min(_TURN_S, max(0, left_ns) / NS_PER_S)
 
-    def _read(self, stream: socket.socket) -> None:
+    def _wait(self) -> list[tuple[socket.socket, int, Client | None]]:
+        """Until somebody wants something or the bus moves. A flood does not keep this process from all rest: the kernel
+        would stop one in real time for a twentieth of every second, in one piece."""
+        began_ns = self._clock()
+        ready = self._reception.watch.wait(self._pause_s())
+        now_ns = self._clock()
+        if now_ns - began_ns >= _REST_NS:
+            self._rested_ns = now_ns
+        elif now_ns - self._rested_ns > _NO_REST_NS:
+            time.sleep(_REST_NS / NS_PER_S)
+            self._rested_ns = self._clock()
+        return ready
+
+    def _sweep(self, now_ns: int) -> None:
+        self._sweep_ns = now_ns + _SWEEP_NS
+        self._reception.expire(now_ns)
+        for client in self._by_node.values():
+            client.spent_ns = 0
+
+    # Clients
+
+    def _serve_ready(self, ready: list[tuple[socket.socket, int, Client | None]]) -> None:
+        """Whoever has cost least comes first, and a turn is short: a flood delays nobody but itself."""
+        known = [
+            (client.spent_ns, order, client, stream)
+            for order, (stream, events, client) in enumerate(ready)
+            if client is not None and self._flushed(client, stream, events)
+        ]
+        known.sort(key=lambda entry: entry[:2])
+        began_ns = at_ns = self._clock()
+        for _, _, client, stream in known:
+            if client.closing_ns is None:
+                self._read_client(stream, client)
+            before_ns, at_ns = at_ns, self._clock()
+            client.spent_ns += at_ns - before_ns
+            if at_ns - began_ns > _READ_WORK_NS:
+                break
         reception = self._reception
-        if stream is reception.listener:
-            reception.accept()
-        elif stream in reception.pending:
-            reception.shake_hands(stream)
-        elif stream in reception.by_socket:
-            self._read_client(stream, reception.by_socket[stream])
+        strangers = [stream for stream, _, client in ready if client is None]
+        for stream in strangers[:_STRANGERS_PER_TURN]:
+            if stream is reception.listener:
+                reception.accept()
+            elif stream in reception.strangers:
+                reception.shake_hands(stream)
+
+    def _flushed(self, client: Client, stream: socket.socket, events: int) -> bool:
+        """Send what has waited for room; gives whether there is something to read as well."""
+        if events & WRITE:
+            box = client.deliveries if stream is client.receive else client.credits
+            if box is not None and client.closing_ns is None:
+                box.flush()
+        return bool(events & READ)
 
     def _read_client(self, stream: socket.socket, client: Client) -> None:
+        if client.deaf and stream is client.receive:
+            return
         if stream is client.receive or client.reader is None:  # nothing is ever sent on it: this is its end
-            self._reception.stop_delivering(client, self._clock())
+            self._reception.stop_delivering(client)
             return
         try:
-            for _ in range(_READS_PER_TURN):
-                record = client.reader.read()
-                if record is None:
-                    return
+            for record in client.reader.read_some(_RECORDS_PER_READ):
                 self._on_record(client, record)
         except OSError:
-            self._reception.leave(client, self._clock())
+            self._reception.leave(client)
+            return
+        if self._reception.overfull(client):
+            self._reception.dismiss(client, "answers left unread")
 
     def _on_record(self, client: Client, record: Record) -> None:
         now_ns = self._clock()
         if record.kind == Kind.FRAME:
             self._dispatch(now_ns)
-            result = self.medium.send(client.node, record_frame(record), record.sequence, now_ns)
+            result = self.medium.send(client.node, record_frame(record), record.sequence, self._bus_now_ns(now_ns))
             if result is not Enqueued.QUEUED:
-                self._credit(client.node, record.sequence, result)
+                self._reception.refused[result] += 1
+                self._traffic.credit(client.node, record.sequence, result)
             self._dispatch(now_ns)
         elif record.kind == Kind.CONTROL:
-            client.control = (client.control + record.data)[:_CONTROL_LIMIT_BYTES]
+            if len(client.request) > REQUEST_LIMIT_BYTES:  # its end is still awaited, its content no more
+                client.request = client.request[: REQUEST_LIMIT_BYTES + 1]
+            client.request += record.data
             if record.extra == 0:  # the last part
-                request, client.control = client.control, b""
+                request, client.request = client.request, b""
                 self._dispatch(now_ns)
-                self._answer(client, answer(self.medium, client.node, request, now_ns))
+                self._answer(client, request, now_ns)
+        else:
+            self._reception.refused["records of no meaning"] += 1
 
-    def _answer(self, client: Client, given: dict[str, Any]) -> None:
-        raw = json.dumps(given).encode()
+    def _answer(self, client: Client, request: bytes, now_ns: int) -> None:
+        given = answer(self.medium, client.node, request, self._bus_now_ns(now_ns))
+        if "error" in given:
+            self._reception.refused["requests"] += 1
+        if "nodes" in given:
+            given |= {"now_ns": now_ns, "slip_ns": self._traffic.slip_ns, "refused": dict(self._reception.refused)}
         if client.credits is not None:
-            client.credits.push(in_parts(Kind.ANSWER, raw), keep=True)
+            client.credits.push(in_parts(Kind.ANSWER, json.dumps(given).encode()), keep=True)
 
-    def _credit(self, number: int, sequence: int, result: Enqueued) -> None:
-        """Tell a sender that one of its frames has left its transmit queue, and why if not onto the wire."""
-        client = self._by_node.get(number)
-        if client is None or client.credits is None or client.deaf or sequence == BABBLE_TAG:
-            return
-        reason = b"" if result is Enqueued.QUEUED else result.encode()
-        client.credits.push(Record(Kind.SENT, sequence=sequence, data=reason).pack(), keep=True)
+    # The bus
 
     def _dispatch(self, now_ns: int) -> None:
-        for event in self.medium.advance(now_ns):
-            self._on_event(event)
+        """Let the bus catch up before and after a frame; once it is behind, only once a turn."""
+        if self._behind_since_ns is None:
+            self._catch_up(now_ns)
 
-    def _on_event(self, event: Event) -> None:
-        match event:
-            case Delivered():
-                self._on_delivered(event)
-            case FrameLost():
-                self._credit(event.node, event.tag, event.reason)
-            case StateChanged():
-                self._on_state(event)
-            case BusError():
-                self._on_error(event)
+    def _bus_now_ns(self, now_ns: int) -> int:
+        """The present on the bus: the clock's, unless the bus cannot keep up with it."""
+        if now_ns < self._overloaded_until_ns:
+            self._traffic.slip_ns = max(self._traffic.slip_ns, now_ns - self._reached_ns - _OVERLOAD_STEP_NS)
+        return now_ns - self._traffic.slip_ns
 
-    def _on_state(self, event: StateChanged) -> None:
-        client = self._by_node.get(event.node)
-        if client is None or client.deaf:
-            return
-        classes, data = write_error_frame(event.state, event.tec, event.rec)
-        self._error_frame(client, event.at_ns, classes, data)
-        if client.credits is not None:
-            state = Record(Kind.STATE, sequence=event.tec, dropped=event.rec, data=event.state.encode())
-            client.credits.push(state.pack())
+    def _catch_up(self, now_ns: int) -> None:
+        """Let the bus catch up with the clock, for a turn's worth of work at most.
 
-    def _on_error(self, event: BusError) -> None:
-        for number, kind in event.errors.items():
-            client = self._by_node.get(number)
-            if client is None or client.deaf or not client.flags & Flag.BUS_ERRORS:
-                continue
-            node = self.medium.node(number)
-            classes, data = write_error_frame(
-                None, node.confinement.tec, node.confinement.rec, kind=kind, sending=number == event.sender
-            )
-            self._error_frame(client, event.at_ns, classes, data)
-
-    def _error_frame(self, client: Client, at_ns: int, classes: int, data: bytes) -> None:
-        frame = WireFrame(classes, data)
-        client.deliveries.push(frame_record(frame, at_ns, 0, client.deliveries.dropped, Flag.ERROR).pack())
-
-    def _on_delivered(self, event: Delivered) -> None:
-        raw = None
-        for node in event.receivers:
-            client = self._by_node.get(node)
-            if client is None or client.deaf:
-                continue
-            dropped = client.deliveries.dropped
-            if raw is None or dropped:
-                packed = frame_record(event.frame, event.at_ns, 0, dropped).pack()
-                raw = packed if not dropped else raw
-            else:
-                packed = raw
-            client.deliveries.push(packed)
-        sender = self._by_node.get(event.sender)
-        if sender is None or sender.deaf or not event.sent:
-            return
-        if sender.flags & Flag.RECEIVE_OWN:
-            own = frame_record(event.frame, event.at_ns, 0, sender.deliveries.dropped, Flag.OWN)
-            sender.deliveries.push(own.pack())
-        self._credit(event.sender, event.tag, Enqueued.QUEUED)
+        A stall is made good. But faults and crowds can ask for more than this computer can carry out in time: then the
+        bus's own time slips, so that whoever has something urgent does not wait for what is left undone.
+        """
+        target_ns = self._bus_now_ns(now_ns)
+        until_ns = self._clock() + _BUS_WORK_NS
+        while True:
+            self._reached_ns, events = self.medium.advance_to_event(target_ns)
+            for event in events:
+                self._traffic.carry(event)
+            if self._reached_ns >= target_ns and self.medium.due_ns > target_ns:
+                self._behind_since_ns = None
+                return
+            at_ns = self._clock()
+            if at_ns > until_ns:
+                break
+        if self._behind_since_ns is None:
+            self._behind_since_ns = at_ns
+        if at_ns - self._behind_since_ns > _MADE_GOOD_WITHIN_NS or at_ns < self._overloaded_until_ns:
+            self._overloaded_until_ns = at_ns + _OVERLOAD_NS
 
     def _drop_closed(self, now_ns: int) -> None:
         for node, client in list(self._by_node.items()):
             if client.closing_ns is None:
                 continue
             if self.medium.queued(node) == 0 or now_ns - client.closing_ns > _CLOSING_LIMIT_NS:
-                self.medium.detach(node)
-                del self._by_node[node]
+                self._reception.forget_node(client)
                 if self._linger_ns is not None:
                     self._idle_until_ns = now_ns + self._linger_ns
 

@@ -34,6 +34,8 @@ def make_packs(
     """
     if not root.is_dir():
         raise DatasetError(f"{root}: no such folder; give the folder of the EGTEA Gaze+ package")
+    if not recorded_sessions(root):
+        raise DatasetError(f"{root}: neither gaze nor videos in it; give the folder of the EGTEA Gaze+ package")
     made = []
     for name in _without_pack(root):
         pack = root / PACKS / f"{name}.npz"

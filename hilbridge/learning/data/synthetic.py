@@ -10,11 +10,14 @@ import hashlib
 from collections.abc import Callable, Iterable
 from dataclasses import fields
 from pathlib import Path
+from zipfile import BadZipFile
 
 import numpy as np
 
+from hilbridge.errors import InputError
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import LAYOUT_HASH, STEP_NS, D
+from hilbridge.files import in_place_of
 from hilbridge.learning.data.stream import Stream, join
 from hilbridge.wearer.person import Tremor, Wearer
 from hilbridge.wearer.timeline import Difficulty, bayes_posterior, statistics
@@ -91,15 +94,20 @@ def record_people(
     for seed in seeds:
         path = None if cache is None else cache / f"{difficulty.name}{cut}-{seed}-{seconds:g}s-{kind}.npz"
         if path is not None and path.is_file():
-            with np.load(path) as stored:
-                part = Stream(*(stored[field.name] for field in fields(Stream)))
+            part = _cached(path)
         else:
             part = record(seed, difficulty, seconds, None, whole_seconds)
             if path is not None:
-                path.parent.mkdir(parents=True, exist_ok=True)
-                partial = path.with_suffix(".partial.npz")
-                np.savez_compressed(partial, **{field.name: getattr(part, field.name) for field in fields(Stream)})
-                partial.replace(path)
+                with in_place_of(path) as partial, partial.open("wb") as file:
+                    np.savez_compressed(file, **{field.name: getattr(part, field.name) for field in fields(Stream)})
         parts.append(part)
         progress()
     return join(parts)
+
+
+def _cached(path: Path) -> Stream:
+    try:
+        with np.load(path) as stored:
+            return Stream(*(stored[field.name] for field in fields(Stream)))
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
+        raise InputError(f"{path}: not a stream of ours; remove it, and that person is recorded anew") from None

@@ -8,7 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hilbridge.features.layout import MODALITY_OF, drop_modality
-from hilbridge.intent.predictor import MIN_USABLE_SHARE, standardise
+from hilbridge.intent.predictor import MIN_USABLE_SHARE
+from hilbridge.intent.standardise import standardise
 from hilbridge.learning.data.stream import Stream
 from hilbridge.records import Modality
 

@@ -17,6 +17,7 @@ import matplotlib
 import numpy as np
 from numpy.typing import NDArray
 
+from hilbridge.files import in_place_of, write_whole
 from hilbridge.learning import metrics
 
 matplotlib.use("Agg")
@@ -65,14 +66,14 @@ def write_report(folder: Path, title: str, sections: Sequence[Section], facts: M
         parts.append(_table(section.rows) + "</section>")
         _write_csv(folder / f"{section.key}.csv", section.rows)
     page = folder / "report.html"
-    page.write_text("\n".join(parts), encoding="utf-8")
+    write_whole(page, "\n".join(parts))
     document = {
         "facts": dict(facts),
         "sections": {
             part.key: {"title": part.title, "origin": part.origin, "rows": list(part.rows)} for part in sections
         },
     }
-    (folder / "results.json").write_text(json.dumps(_plain(document), indent=1), encoding="utf-8")
+    write_whole(folder / "results.json", json.dumps(_plain(document), indent=1))
     return page
 
 
@@ -107,7 +108,7 @@ def _table(rows: Sequence[Row]) -> str:
 
 
 def _write_csv(path: Path, rows: Sequence[Row]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with in_place_of(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=columns(rows) or ["nothing"])
         writer.writeheader()
         writer.writerows(_plain(list(rows)))

@@ -16,9 +16,9 @@ from hilbridge.intent.bundle import Bundle, Thresholds, save_bundle
 from hilbridge.intent.calibration import ALL_VALID, Calibration, Method
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.synthetic import record_people
-from hilbridge.learning.data.windows import window_ends
+from hilbridge.learning.data.windows import STEPS, window_ends
 from hilbridge.learning.training.fit import fit_calibration
-from hilbridge.learning.training.network import GruNetwork, export_weights
+from hilbridge.learning.training.network import GruNetwork, export_weights, network_vectors
 from hilbridge.learning.training.recipes import DEMO_RECIPE, Recipe
 from hilbridge.learning.training.replay import choose_threshold, estimates, replay, stream_logits
 from hilbridge.learning.training.train import Trained, fit_network, predict_logits
@@ -58,6 +58,10 @@ def train(config: TrainConfig, console: Console | None = None) -> Path:
         raise ValueError(f"wearer {config.wearer!r}: must be one of {', '.join(DIFFICULTIES)}")
     if config.people < 8:
         raise ValueError(f"people = {config.people}: at least 8, so that every group has someone")
+    if config.out.is_dir():
+        raise ValueError(f"{config.out}: a folder; name the file of the bundle")
+    for folder in (config.out.parent, config.work):  # now, not after hours of training
+        folder.mkdir(parents=True, exist_ok=True)
     difficulty = DIFFICULTIES[config.wearer]
     seeds = range(config.first_seed, config.first_seed + config.people)
     held = max(2, round(0.15 * config.people))
@@ -99,9 +103,10 @@ def make_bundle(
         weights,
         trained.statistics.mean,
         trained.statistics.std,
-        50,
+        STEPS,
         calibration,
         Thresholds(tau_on, max(0.02, round(tau_on - TAU_BAND, 3))),
+        network_vectors(trained.network, trained.logit_offset, trained.statistics.mean, trained.statistics.std, STEPS),
         {**provenance, "threshold_replay": figures},
     )
 

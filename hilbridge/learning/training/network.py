@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import torch
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from hilbridge.features.layout import D
 from hilbridge.intent.gru import POOL_EPSILON, Weights
+from hilbridge.intent.standardise import standardise
+from hilbridge.intent.vectors import Vectors, drawn_stream
 from hilbridge.verbs import VERBS
 
 
@@ -80,3 +83,20 @@ def export_weights(network: GruNetwork, logit_offset: NDArray[np.float64]) -> We
         array(network.head.weight),
         array(network.head.bias) + logit_offset.astype(np.float32),
     )
+
+
+def network_vectors(
+    network: GruNetwork,
+    logit_offset: NDArray[np.float64],
+    mean: NDArray[np.float32],
+    std: NDArray[np.float32],
+    steps: int,
+) -> Vectors:
+    """What this network, in torch and window by window, makes of the drawn stream: the bundle's test vectors."""
+    values, valid = drawn_stream(mean, std, steps)
+    x = sliding_window_view(standardise(values, valid, mean, std), steps, axis=0).transpose(0, 2, 1).copy()
+    usable = sliding_window_view(valid.any(axis=-1), steps).copy()
+    network.eval()
+    with torch.inference_mode():
+        logits = network(torch.from_numpy(x), torch.from_numpy(usable)).numpy()
+    return Vectors(values, valid, (logits + logit_offset).astype(np.float32))

@@ -12,7 +12,7 @@ from hilbridge.core.gate_figures import GateFigures, GateTick, gate_figures
 from hilbridge.features.layout import STEP_NS, drop_modality
 from hilbridge.intent.calibration import Calibration
 from hilbridge.intent.gru import StreamingGru, Weights
-from hilbridge.intent.predictor import standardise
+from hilbridge.intent.standardise import standardise
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.windows import STEPS, Statistics
 from hilbridge.records import Action, IntentEstimate, Modality

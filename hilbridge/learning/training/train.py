@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from pickle import UnpicklingError
 from typing import NamedTuple
 
 import numpy as np
@@ -16,6 +17,8 @@ from numpy.typing import NDArray
 from rich.progress import Progress
 from torch.nn import functional
 
+from hilbridge.errors import InputError
+from hilbridge.files import in_place_of
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.windows import Statistics, gather, training_statistics, window_ends
 from hilbridge.learning.training.fit import fit_temperature, nll
@@ -206,9 +209,12 @@ class _Progress:
         path = None if self._folder is None else self._folder / "checkpoint.pt"
         if path is None or not path.is_file():
             return 0
-        stored = torch.load(path, weights_only=True)
-        if stored["recipe"] != json.dumps(asdict(self._recipe), sort_keys=True):
-            return 0
+        try:
+            stored = torch.load(path, weights_only=True)
+            if stored["recipe"] != json.dumps(asdict(self._recipe), sort_keys=True):
+                return 0
+        except (OSError, RuntimeError, ValueError, EOFError, KeyError, TypeError, UnpicklingError):
+            raise InputError(f"{path}: not a checkpoint of ours; remove it, and training begins anew") from None
         self._network.load_state_dict(stored["network"])
         self._average.load_state_dict(stored["average"])
         self._optimiser.load_state_dict(stored["optimiser"])
@@ -218,30 +224,26 @@ class _Progress:
         return int(stored["epoch"]) + 1
 
     def _save(self, folder: Path, epoch: int) -> None:
-        folder.mkdir(parents=True, exist_ok=True)
-        partial = folder / "checkpoint.pt.partial"
-        torch.save(
-            {
-                "recipe": json.dumps(asdict(self._recipe), sort_keys=True),
-                "epoch": epoch,
-                "network": self._network.state_dict(),
-                "average": self._average.state_dict(),
-                "optimiser": self._optimiser.state_dict(),
-                "schedule": self._schedule.state_dict(),
-                "history": self.history,
-                "best": self.best,
-                "since_best": self.since_best,
-                "best_weights": self.best_weights,
-            },
-            partial,
-        )
-        partial.replace(folder / "checkpoint.pt")
+        state = {
+            "recipe": json.dumps(asdict(self._recipe), sort_keys=True),
+            "epoch": epoch,
+            "network": self._network.state_dict(),
+            "average": self._average.state_dict(),
+            "optimiser": self._optimiser.state_dict(),
+            "schedule": self._schedule.state_dict(),
+            "history": self.history,
+            "best": self.best,
+            "since_best": self.since_best,
+            "best_weights": self.best_weights,
+        }
+        with in_place_of(folder / "checkpoint.pt") as partial, partial.open("wb") as file:
+            torch.save(state, file)
         write_csv(folder / "train.csv", self.history)
 
 
 def write_csv(path: Path, rows: Sequence[dict[str, float]]) -> None:
     """Rows with the same keys, as CSV."""
-    with path.open("w", newline="", encoding="utf-8") as file:
+    with in_place_of(path) as partial, partial.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, fieldnames=list(rows[0]))
         writer.writeheader()
         writer.writerows(rows)

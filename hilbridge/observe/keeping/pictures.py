@@ -19,6 +19,7 @@ from hilbridge.features.scene import shrink
 from hilbridge.priority import Level, take_level
 from hilbridge.records import CameraFrame
 from hilbridge.rows import ImageRow, SceneRow, image_stamp
+from hilbridge.sensors.faces import FaceBlur
 
 _WAITING = 4
 FRAME_ID = "head_camera"
@@ -26,10 +27,14 @@ FRAME_ID = "head_camera"
 
 @dataclass(frozen=True, slots=True)
 class PictureFormat:
-    """quality: of JPEG, 1..100. width_px: pictures that are wider are made so wide."""
+    """quality: of JPEG, 1..100. width_px: pictures that are wider are made so wide.
+
+    blur_faces: faces are blurred, and the pixels of scene features, where a face may be seen as well, are left out.
+    """
 
     quality: int = 80
     width_px: int = 640
+    blur_faces: bool = False
 
 
 def image_row(frame: CameraFrame, form: PictureFormat, now_ns: int) -> ImageRow:
@@ -87,7 +92,9 @@ class Pictures:
     """Takes pictures from one thread, gives rows to a recording. `close()` it before the recording."""
 
     def __init__(self, form: PictureFormat, record: Callable[[ImageRow | SceneRow], None]) -> None:
+        """Raises InputError where faces are to be blurred and the detector is not installed."""
         self._form, self._record = form, record
+        self._blur = FaceBlur() if form.blur_faces else None
         self._frames: queue.Queue[tuple[CameraFrame, int] | None] = queue.Queue(_WAITING)
         self.stored = self.dropped = self.failed = 0
         self.cpu_s = 0.0
@@ -110,8 +117,12 @@ class Pictures:
         while (offered := self._frames.get()) is not None:
             take_level(Level.RECORDING)  # each time: a run asks for real time after its recording has begun
             try:
-                self._record(scene_row(*offered))
-                self._record(image_row(offered[0], self._form, offered[1]))
+                frame, now_ns = offered
+                if self._blur is None:
+                    self._record(scene_row(frame, now_ns))
+                else:
+                    frame = CameraFrame(frame.captured_ns, self._blur.apply(frame.rgb), frame.sequence, frame.stamp)
+                self._record(image_row(frame, self._form, now_ns))
                 self.stored += 1
             except (cv2.error, ValueError):
                 self.failed += 1

@@ -1,6 +1,6 @@
-"""The bridge's process in a live run: the live bridge itself, its sensors and its port within reach of faults.
+"""The bridge's process in a live run: the live bridge, with faults injected into its sensors and its port.
 
-Orders come in on a pipe; every row goes to a log file at once, so that a process that is killed leaves all it knew.
+Commands come in on a pipe. Every row goes to a log file at once, so that a killed process leaves all its rows.
 """
 
 from __future__ import annotations
@@ -70,7 +70,7 @@ class RowLog:
 
 
 class BridgeProcess:
-    """What lives in the process: board and taps for its share of the faults, the bridge, and the obeying of orders."""
+    """The process's parts: board and taps for its share of the faults, the bridge, and the reader of commands."""
 
     def __init__(self, job: Job, orders: Connection) -> None:
         self._scenario, self._spec = job.scenario, job.spec

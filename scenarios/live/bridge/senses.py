@@ -1,4 +1,4 @@
-"""The simulated wearer's sensors in real time, every fault of the vocabulary at their edge: sources like any other."""
+"""The simulated wearer's sensors in real time, with every sensor fault of the vocabulary."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ T = TypeVar("T", CameraFrame, GazeSample)
 
 
 class EdgeSource(Source[T]):
-    """Asks its edge once per period, on the scenario's own grid of times, and hands over what arrives when it does."""
+    """Samples the wearer once per period on the scenario's time grid; faults decide when each arrives."""
 
     def __init__(
         self, edge: SensorEdge[T], period_ns: int, epoch_ns: int, clock_ns: Callable[[], int] = time.monotonic_ns
@@ -30,7 +30,7 @@ class EdgeSource(Source[T]):
         self._period_ns, self._epoch_ns = period_ns, epoch_ns
 
     def _read_all(self) -> None:
-        under_way: list[tuple[int, int, T]] = []  # what a delayed sensor has seen and not yet delivered
+        under_way: list[tuple[int, int, T]] = []  # samples of a delayed sensor that are not yet delivered
         asked = 0
         due_ns = max(0, self._clock_ns() - self._epoch_ns) // self._period_ns * self._period_ns
         while self._sleep_until(self._epoch_ns + min(due_ns, under_way[0][0] if under_way else due_ns)):
@@ -39,7 +39,7 @@ class EdgeSource(Source[T]):
                 if (delivered := self._edge.deliver(due_ns)) is not None:
                     asked += 1
                     heapq.heappush(under_way, (delivered[0], asked, delivered[1]))
-                # A computer too slow for the sensor's rate misses moments; it never looks at old ones later.
+                # A computer too slow for the sensor's rate skips samples; it never takes old ones later.
                 due_ns += self._period_ns * max(1, (now_ns - due_ns) // self._period_ns)
             while under_way and under_way[0][0] <= now_ns:
                 value = heapq.heappop(under_way)[2]
@@ -64,7 +64,7 @@ class EdgeHands:
 
 
 def edge_senses(scenario: Scenario, board: FaultBoard, epoch_ns: int) -> Senses:
-    """Camera, gaze and hands of the scenario's wearer, whose life begins at `epoch_ns` of the monotonic clock."""
+    """Camera, gaze and hands of the scenario's wearer, whose time 0 is `epoch_ns` of the monotonic clock."""
     # A wearer caches what it has planned and is not to be shared between threads; equal seeds are equal people.
     seen, looked, held = (Body(scenario, board) for _ in range(3))
     camera = EdgeSource(edges(seen, board, scenario.seed)[0], CAMERA_PERIOD_NS, epoch_ns)

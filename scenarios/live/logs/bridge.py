@@ -1,4 +1,4 @@
-"""The bridge's rows as signals, and what their gaps say. Pure."""
+"""The bridge's rows as signals; a gap in the rows is a bridge that does not run. Pure."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from scenarios.signals.bridge import absent_bridge, bridge_signals
 from scenarios.signals.tracks import Tracks, Value
 from scenarios.world.fault_board import FOREVER_NS
 
-# The device's own patience with commands: a bridge that says nothing for so long asks for nothing any more.
+# The device's command time-out: a bridge silent for so long no longer asks for anything.
 SILENT_NS = 100 * MS
 
 

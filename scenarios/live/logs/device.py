@@ -1,7 +1,7 @@
 """The device's own log as signals: what virtual time reads off the device each millisecond, from lines 5 ms apart. Pure.
 
-Words and switches change with the line that shows them, and every change has a line; torque and movement are straight
-between lines. Ages are on the device's own clock, so that a stalled computer is not mistaken for a stalled device.
+Words and flags change with the line that shows them, and every change has a line. Torque and movement are interpolated
+linearly. Ages are on the device's own clock, so that a stalled computer is not mistaken for a stalled device.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What a live run leaves behind to be judged and recorded."""
+"""The result of a live run, to be judged and recorded."""
 
 from __future__ import annotations
 

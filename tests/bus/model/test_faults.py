@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from hilbridge.bus.model.error_frames import ErrorKind, ErrorState
-from hilbridge.bus.model.events import BusError, FrameLost
+from hilbridge.bus.model.events import BusError, Delivered, FrameLost
 from hilbridge.bus.model.faults import Babble, Corruption, QueueStall, Where, WireCut, WireFaults
 from hilbridge.bus.model.frames import WireFrame
 from hilbridge.bus.model.medium import Medium
@@ -113,3 +113,55 @@ def test_a_bit_error_rate_hits_as_often_as_it_says() -> None:
     attempts = total + medium.node(sender).failures
     expected = attempts * (1 - (1 - 1e-3) ** bits(frame))
     assert 0.85 * expected < medium.node(sender).failures < 1.15 * expected
+
+
+def test_a_babble_begins_when_it_is_asked_for_not_when_the_bus_fell_silent() -> None:
+    medium = Medium()
+    medium.attach("mad")
+    medium.attach("other")
+    medium.advance(3600 * SECOND_NS)
+    medium.use_faults(WireFaults(babbles=(Babble("mad", 0x100),)))
+    _, events = medium.advance_to_event(None)
+    assert [event.at_ns > 3600 * SECOND_NS for event in events] == [True]
+
+
+def test_a_babbling_node_that_was_cut_off_or_bus_off_begins_anew_when_it_is_back() -> None:
+    cut = WireCut(frozenset({"mad"}), 1_000_000, 500_000_000)
+    for faults, back_ns in (
+        (WireFaults(babbles=(Babble("mad", 0x100, from_ns=2_000_000),), cuts=(cut,)), 500_000_000),
+        (WireFaults(babbles=(Babble("mad", 0x100),), corruptions=(Corruption(0x100, count=32),)), 0),
+    ):
+        medium = Medium(faults=faults)
+        mad, _ = medium.attach("mad"), medium.attach("other")
+        reached_ns, arrived = 0, list[Delivered]()
+        while not arrived:
+            reached_ns, events = medium.advance_to_event(None)
+            assert events  # else nothing would ever come
+            if medium.node(mad).state is ErrorState.BUS_OFF and not back_ns:
+                back_ns = reached_ns + 128 * 11 * BIT_NS
+            arrived = delivered(events)
+        assert arrived[0].at_ns == reached_ns > back_ns
+
+
+def test_stubs_of_nodes_that_have_gone_are_forgotten() -> None:
+    medium = Medium(faults=WireFaults(cuts=(WireCut(frozenset({"lost"})),)))
+    for _ in range(5):
+        number = medium.attach("lost")
+        medium.send(number, WireFrame(0x100), 1, 0)
+        medium.advance(10_000)
+        medium.detach(number)
+        medium.advance(20_000)
+    assert len(medium._wires) == 1
+
+
+def test_a_frame_that_waits_through_a_cut_is_sent_when_the_wire_is_whole_with_nobody_else_to_wake_the_bus() -> None:
+    medium = Medium(faults=WireFaults(cuts=(WireCut(frozenset({"lost"}), 1_000_000, 5_000_000),)))
+    lost, other = medium.attach("lost"), medium.attach("other")
+    medium.send(lost, WireFrame(0x200), 2, 2_000_000)
+    arrived = list[Delivered]()
+    while not arrived:
+        at_ns, events = medium.advance_to_event(None)
+        assert events
+        arrived = delivered(events)
+    assert arrived[0].receivers == (other,)
+    assert 5_000_000 < at_ns < 6_000_000

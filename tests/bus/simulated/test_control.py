@@ -4,24 +4,32 @@ from __future__ import annotations
 
 import json
 import uuid
+from typing import Any
 
 import can
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hilbridge.bus.model.error_frames import ErrorState
-from hilbridge.bus.model.faults import Babble, Corruption, QueueStall, Where, WireCut
+from hilbridge.bus.model.faults import Babble, Corruption, QueueStall, Where, WireCut, WireFaults
 from hilbridge.bus.model.frames import WireFrame
 from hilbridge.bus.model.medium import Medium
 from hilbridge.bus.simulated.client import BusClient
-from hilbridge.bus.simulated.control import answer, faults_from_json
+from hilbridge.bus.simulated.control import answer
+from hilbridge.bus.simulated.requests import FaultsRequest, read_request
 
 WAIT_S = 20.0
 
 
+def faults(given: dict[str, Any], now_ns: int = 0) -> WireFaults:
+    request = read_request(json.dumps({"op": "faults", "faults": given}).encode())
+    assert isinstance(request, FaultsRequest), request
+    return request.faults.at(now_ns)
+
+
 def test_faults_are_read_with_times_from_now() -> None:
-    faults = faults_from_json(
+    read = faults(
         {
             "seed": 7,
             "bit_error_rate": 0.001,
@@ -34,39 +42,87 @@ def test_faults_are_read_with_times_from_now() -> None:
         },
         1_000_000_000,
     )
-    assert faults.seed == 7
-    assert faults.corruptions == (
-        Corruption(96, Where.CRC, count=3, until_ns=1_005_000_000),
-        Corruption(None, 12),
-    )
-    assert faults.babbles == (Babble("bridge", 1, b"\x00\x11"),)
-    assert faults.cuts == (WireCut(frozenset({"bridge"}), 1_001_000_000, 1_002_000_000),)
-    assert faults.stalls == (QueueStall("device"),)
-    assert faults.no_ack == {"device"}
+    assert read.seed == 7
+    assert read.corruptions == (Corruption(96, Where.CRC, count=3, until_ns=1_005_000_000), Corruption(None, 12))
+    assert read.babbles == (Babble("bridge", 1, b"\x00\x11"),)
+    assert read.cuts == (WireCut(frozenset({"bridge"}), 1_001_000_000, 1_002_000_000),)
+    assert read.stalls == (QueueStall("device"),)
+    assert read.no_ack == {"device"}
 
 
 @pytest.mark.parametrize(
     ("request_", "says"),
     [
-        (b"{", "JSONDecodeError"),
-        (b"[]", "TypeError"),
-        (b"{}", "KeyError"),
-        (b'{"op": "fly"}', "unknown request 'fly'"),
-        (b'{"op": "faults", "faults": {"gremlins": 1}}', "unknown fault 'gremlins'"),
+        (b"{", "Invalid JSON"),
+        (b"[]", "object"),
+        (b"{}", "'op'"),
+        (b'{"op": "fly"}', "'fly'"),
+        (b'{"op": "status", "more": 1}', "more"),
+        (b'{"op": "faults"}', "faults"),
+        (b'{"op": "faults", "faults": {"gremlins": 1}}', "gremlins"),
         (b'{"op": "faults", "faults": {"bit_error_rate": 2}}', "bit_error_rate"),
-        (b'{"op": "faults", "faults": {"stalls": [{"from": 1}]}}', "TypeError"),
-        (b'{"op": "faults", "faults": {"corruptions": [{"can_id": 1, "bit": "moon"}]}}', "moon"),
+        (b'{"op": "faults", "faults": {"bit_error_rate": 1e999}}', "finite"),
+        (b'{"op": "faults", "faults": {"bit_error_rate": NaN}}', "finite"),
+        (b'{"op": "faults", "faults": {"bit_error_rate": "0.5"}}', "bit_error_rate"),
+        (b'{"op": "faults", "faults": {"seed": true}}', "seed"),
+        (b'{"op": "faults", "faults": {"seed": %s}}' % (b"9" * 400), "seed"),
+        (b'{"op": "faults", "faults": {"stalls": [{"from": 1}]}}', "stalls.0.node"),
+        (b'{"op": "faults", "faults": {"stalls": [{"node": "a", "until_ms": 1e300}]}}', "until_ms"),
+        (b'{"op": "faults", "faults": {"stalls": [%s]}}' % b",".join([b'{"node": "a"}'] * 17), "stalls"),
+        (b'{"op": "faults", "faults": {"corruptions": [{"can_id": 1, "bit": "moon"}]}}', "bit"),
+        (b'{"op": "faults", "faults": {"corruptions": [{"can_id": -1}]}}', "can_id"),
+        (b'{"op": "faults", "faults": {"babbles": [{"node": "a", "can_id": 2048}]}}', "can_id"),  # ended the bus once
+        (b'{"op": "faults", "faults": {"babbles": [{"node": "a", "data": "0"}]}}', "data"),
+        (b'{"op": "faults", "faults": {"babbles": [{"node": "a", "data": "000000000000000000"}]}}', "data"),
+        (b'{"op": "faults", "faults": {"cuts": [{"nodes": "abc"}]}}', "nodes"),
+        (b'{"op": "faults", "faults": {%s}}' % b",".join(b'"%d":0' % n for n in range(1000)), "1000 mistakes"),
+        (b"[" * 10_000, "recursion"),
+        (b"\xff\xfe", "Invalid JSON"),
+        (b" " * 20_000, "16384 bytes"),
     ],
 )
 def test_requests_that_cannot_be_read_are_answered(request_: bytes, says: str) -> None:
     medium = Medium()
-    assert says in answer(medium, medium.attach("n"), request_, 0)["error"]
+    before = medium.faults
+    error = answer(medium, medium.attach("n"), request_, 0)["error"]
+    assert says in error
+    assert len(error) <= 210
+    assert medium.faults is before
 
 
-@given(st.binary(max_size=60))
-def test_no_request_raises(raw: bytes) -> None:
+_values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=8),
+    lambda inner: st.lists(inner, max_size=3) | st.dictionaries(st.text(max_size=8), inner, max_size=3),
+    max_leaves=8,
+)
+_entries = st.lists(
+    st.dictionaries(
+        st.sampled_from(["node", "nodes", "can_id", "bit", "count", "data", "from_ms", "until_ms", "receiver"]),
+        _values | st.sampled_from(["n", ["n"], "data", "00", 1, 0x60]),
+    ),
+    max_size=3,
+)
+_nearly = st.fixed_dictionaries(
+    {"op": st.sampled_from(["status", "faults", "recover"])},
+    optional={
+        "faults": st.dictionaries(
+            st.sampled_from(["seed", "bit_error_rate", "corruptions", "babbles", "cuts", "stalls", "no_ack"]),
+            _entries | _values | st.sampled_from([0, 0.5, 1]),
+        )
+    },
+)
+
+
+@settings(deadline=None)
+@given(st.binary(max_size=60) | _nearly.map(lambda given: json.dumps(given).encode()))
+def test_no_request_raises_nor_leaves_a_bus_that_does(raw: bytes) -> None:
     medium = Medium()
-    json.dumps(answer(medium, medium.attach("n"), raw, 0))
+    numbers = [medium.attach("n"), medium.attach("m")]
+    json.dumps(answer(medium, numbers[0], raw, 0))
+    for number in numbers:
+        medium.send(number, WireFrame(0x60, b"12345678"), 1, 0)
+    for _ in range(50):
+        medium.advance_to_event(10_000_000)
 
 
 def test_a_fault_put_into_a_running_bus_shows_at_both_ends() -> None:
@@ -110,8 +166,3 @@ def test_bus_off_refuses_frames_across_processes() -> None:
         one.send(can.Message(arbitration_id=0x100, data=b"\x12\x34", is_extended_id=False))
         told = [one.recv(WAIT_S) for _ in range(3)]
         assert all(message is not None and message.is_error_frame for message in told)
-
-
-def test_numbers_that_are_none_and_deep_nesting_are_refused() -> None:
-    for request in (b'{"op": "status", "x": 1e999}', b'{"op": "status", "x": NaN}', b"[" * 60_000):
-        assert "error" in answer(Medium(500_000, 2_000_000), 1, request, 0)

@@ -17,7 +17,7 @@ from hilbridge.bus.port.state import SendResult
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.limits import TICK_NS
 from hilbridge.records import Action, GateDecision, HoldReason
-from hilbridge.wire.codec import Decoded
+from hilbridge.wire.codec import Decoded, RejectReason
 from hilbridge.wire.keys import DEMO_KEY
 from hilbridge.wire.link import WireLink
 from hilbridge.wire.secoc import Authenticator
@@ -46,6 +46,8 @@ async def run(spec: str) -> None:
                 message = link.decode(frame)
                 if isinstance(message, Decoded):
                     send(bridge.on_message(message.name, message.signals, message.counter, time.monotonic_ns()))
+                elif message.reason is RejectReason.UNKNOWN_ID:
+                    bridge.session.on_stranger(message.name, time.monotonic_ns())
 
         listening = asyncio.create_task(listen())
         due_ns = time.monotonic_ns()

@@ -20,6 +20,7 @@ INPUTS = (
     "act_unauthorised",
     "act_stale_echo",
     "act_forged",
+    "act_disturbed",
     "corrupt",
     "duplicate",
     "stop",
@@ -27,7 +28,7 @@ INPUTS = (
     "arm",
     "clear",
 )
-_COMMANDS = ("hold", "act", "act_other", "act_unauthorised", "act_stale_echo", "act_forged")
+_COMMANDS = ("hold", "act", "act_other", "act_unauthorised", "act_stale_echo", "act_forged", "act_disturbed")
 
 
 class Model(NamedTuple):
@@ -46,8 +47,12 @@ class Model(NamedTuple):
     verb: int = 0
 
 
-def step(before: Model, arrival: str) -> Model:
-    """One quantum: something arrives in its first millisecond, then 49 of them pass."""
+def step(before: Model, arrival: str, at_zero: bool = False) -> Model:
+    """One quantum: something arrives in its first millisecond, then 49 of them pass.
+
+    A ramp that begins when an authorisation is missing lasts beyond the quantum, unless the assist was at zero by itself
+    (`at_zero`): the damping of a still arm is, and then there is nothing to ramp.
+    """
     m = before
     if m.command is not None:
         m = m._replace(command=m.command + 1)
@@ -65,7 +70,9 @@ def step(before: Model, arrival: str) -> Model:
         m, waiting = _tripped(_disarmed(m)), False
     if not waiting or before.mode == "RAMP_DOWN":
         m = _ramped(m)
-    return _held(m) if waiting else m
+    if waiting:
+        m = _ramped(_held(m)) if at_zero else _held(m)
+    return m
 
 
 def _arrives(m: Model, arrival: str) -> tuple[Model, bool]:
@@ -114,6 +121,8 @@ def _commanded(m: Model, what: str) -> tuple[Model, bool]:
         m = _held(m._replace(command=0, neutral=min(m.neutral + 1, 3) if trusted else 0))
         return (m._replace(mode="READY") if m.mode == "FOLLOW" and m.neutral == 3 else m), False
     m = m._replace(neutral=0)
+    if what == "act_disturbed":  # a stranger's plain ACT between an ACT and its ACT_AUTH: neither acts, nobody forged
+        return _held(_checked(m._replace(command=0) if trusted else m, "G")), False
     if not trusted or what == "act_stale_echo":
         return _held(m), False
     if what == "act_unauthorised":

@@ -105,17 +105,24 @@ def _statement_changes(node: ast.stmt) -> Iterator[tuple[str, ast.stmt | None]]:
         yield "returns None", ast.Return(ast.Constant(None))
 
 
+_HELP = ("help", "description", "epilog", "metavar")
+
+
 def _mutable(node: ast.AST, path: tuple[tuple[ast.AST, str, int | None], ...]) -> bool:
-    """Types, imports, docstrings and the wording of errors are no behaviour; defaults of records are."""
+    """Types, imports, docstrings and the wording of errors and of help are no behaviour; defaults of records are."""
     for parent, field, _ in path:
         if isinstance(parent, (ast.Raise, ast.ImportFrom, ast.Import, ast.JoinedStr)):
             return False
         if field in ("annotation", "returns", "decorator_list", "bases"):
             return False
+        if isinstance(parent, ast.keyword) and parent.arg in _HELP:
+            return False
         if isinstance(parent, ast.If) and isinstance(parent.test, ast.Name) and parent.test.id == "TYPE_CHECKING":
             return False
         if isinstance(parent, ast.If) and "__main__" in ast.dump(parent.test):
             return False
+    if isinstance(node, ast.If) and "__main__" in ast.dump(node.test):
+        return False
     docstring = isinstance(node, ast.Constant) and isinstance(node.value, str)
     if docstring and path and isinstance(path[-1][0], ast.Expr):
         return False

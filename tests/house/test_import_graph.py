@@ -12,7 +12,7 @@ import pytest
 from tests.tools.import_graph import between_children, build, cycle
 
 GRAPH = build()
-GROUND = {"records", "rows", "verbs", "errors", "priority", "limits", "lease", "guard"}
+GROUND = {"records", "rows", "verbs", "errors", "priority", "limits", "lease", "guard", "files"}
 
 # Room -> what it may import beside the ground and itself.
 MAY_IMPORT: dict[str, set[str]] = {
@@ -27,12 +27,14 @@ MAY_IMPORT: dict[str, set[str]] = {
     "wearer": set(),
     "runtime": {"bus", "config", "core", "features", "intent", "sensors", "wearer", "wire"},
     "learning": {"core", "features", "intent", "sensors", "wearer"},
-    "observe": {"core", "features", "wire"},
-    "run": {"config", "observe", "runtime"},
+    "observe": {"core", "features", "sensors", "wire"},
+    "labels": {"observe"},
+    "run": {"config", "labels", "observe", "runtime"},
     "doctor": {"bus", "config", "core", "doctor_sensors", "intent", "observe", "sensors", "wire"},
     "doctor_sensors": {"sensors"},
     "replay": {"config", "core", "features", "intent", "observe", "runtime", "sensors"},
-    "cli_record": {"observe", "replay", "terminal"},
+    "cli_run": {"config", "labels", "run", "runtime", "terminal"},
+    "cli_record": {"labels", "observe", "replay", "terminal"},
     "demo": {"bus", "config", "core", "observe", "run", "runtime", "wearer"},
     "terminal": {"core", "doctor", "observe", "run"},
     "cli_bus": {"bus", "config", "wire"},

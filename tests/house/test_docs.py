@@ -12,7 +12,7 @@ from scenarios.format.schema import FIGURES
 from scenarios.lockstep.run import run_scenario
 from tests.tools import protocol_page
 
-ROOT = Path(__file__).resolve().parent.parent
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_the_configuration_page_names_every_key_and_its_example_is_accepted(tmp_path: Path) -> None:
