@@ -28,9 +28,9 @@ def take(pair: tuple[BusClient, BusClient], reader: BusClient, wanted: WireFrame
     until_s = time.monotonic() + _PATIENCE_S
     while (left_s := until_s - time.monotonic()) > 0:
         for client in select.select(pair, [], [], left_s)[0]:
-            arrival = client.receive()
-            if client is reader and arrival is not None and arrival.frame == wanted:
-                return True
+            while (arrival := client.receive()) is not None:  # all that waits: a bus under attack is a full one
+                if client is reader and arrival.frame == wanted:
+                    return True
     return False
 
 
