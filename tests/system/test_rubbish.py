@@ -52,6 +52,8 @@ LOGS = ("blf", "asc", "mf4", "log", "trc", "csv", "parquet")
 COMMANDS: dict[str, tuple[typer.Typer, tuple[str, ...]]] = {
     "report": (cli.app, ("report", "{}")),
     "recover": (cli.app, ("recover", "{}")),
+    "replay": (cli.app, ("replay", "{}")),
+    "view": (cli.app, ("view", "{}", "--save", "{}.rrd")),
     "bus-analysis": (cli.app, ("bus-analysis", "{}")),
     "run camera": (cli.app, ("run", "--no-hands", "--seconds", "0.1", "--bus", "hilsim:rub", "--camera", "{}")),
     "run config": (cli.app, ("run", "--config", "{}")),
