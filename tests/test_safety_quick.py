@@ -7,10 +7,11 @@ import sys
 
 import pytest
 
-from tests.safety import campaign, checking, harm, planted
+from tests.safety import campaign, checking, harm
 from tests.safety.mutation import ROOT
 from tests.safety.server import run as server
 from tests.safety.table import Row, Scale, printed
+from tests.safety.tools import planted
 from tests.safety.wire import corruption, forgery, fuzz, replay
 
 requirement = pytest.mark.requirement

@@ -9,6 +9,11 @@ def test_every_hazard_and_number_has_a_test() -> None:
     assert requirements.missing() == []
 
 
+def test_the_threat_model_names_tests_that_there_are() -> None:
+    assert requirements.by_hand().count("`\n") + requirements.by_hand().count("` |") > 20
+    assert requirements.absent() == []
+
+
 def test_the_document_is_up_to_date() -> None:
     assert requirements.DOCUMENT.read_text(encoding="utf-8") == requirements.document(), (
         "run `python -m tests.safety.requirements`"

@@ -22,8 +22,8 @@ from typing import NamedTuple
 
 from tests.safety.table import Row, Scale
 
-ROOT = Path(__file__).parents[2]
-TABLE = Path(__file__).with_name("edge_defects.toml")
+ROOT = Path(__file__).parents[3]
+TABLE = ROOT / "tests" / "safety" / "edge_defects.toml"
 JOBS = os.cpu_count() or 1
 QUICK = 3
 TIMEOUT_S = 120.0
