@@ -63,8 +63,6 @@ COMMANDS: dict[str, tuple[typer.Typer, tuple[str, ...]]] = {
     "certify": (cli.app, ("certify", "--people", "2", "--bundle", "{}")),
     "data describe": (cli.app, ("data", "describe", "{}")),
     "data pack": (cli.app, ("data", "pack", "{}")),
-    "replay": (cli.app, ("replay", "{}")),
-    "view": (cli.app, ("view", "{}", "--save", "{}.rrd")),
     "label": (cli.app, ("label", "{}", "--export", "{}.csv")),
     "label import": (cli.app, ("label", "{good}", "--import", "{}")),
     "label eaf": (cli.app, ("label", "{good}", "--import", "{}.eaf")),
