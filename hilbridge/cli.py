@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from hilbridge import cli_bus, cli_learning, cli_record, cli_run
+from hilbridge import cli_bus, cli_exchange, cli_learning, cli_record, cli_run
 from hilbridge.cli_run import BundleFile, Bus, Camera, Force, Gaze, Json, RunFolder, print_or_json
 from hilbridge.guard import run_guarded
 
@@ -125,6 +125,7 @@ def bus_analysis(
 
 
 cli_bus.register(app)
+cli_exchange.register(app)
 cli_learning.register(app)
 cli_record.register(app)
 cli_run.register(app)

@@ -31,6 +31,9 @@ class SensorsConfig(_Part):
     gaze: str | None = Field(None, description="Neon recording folder, BeGaze .txt, or .csv")
     hands: bool = Field(True, description="find hands with MediaPipe (extra `hands`)")
     hand_model: str | None = Field(None, description="hand_landmarker.task; default: the user's data folder")
+    hand_model_sha256: str | None = Field(
+        None, pattern=r"^[0-9A-Fa-f]{64}$", description="of a hand model of one's own; default: only the pinned one"
+    )
     loop: bool = Field(False, description="start a recording again at its end")
     camera_timeout_ms: Annotated[int, Field(gt=0, le=SENSING_LIMIT_MS)] = SENSOR_TIMEOUT_MS
     gaze_timeout_ms: Annotated[int, Field(gt=0, le=SENSING_LIMIT_MS)] = SENSOR_TIMEOUT_MS

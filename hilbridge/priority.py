@@ -1,9 +1,10 @@
 """Real-time scheduling where the system allows it, so that a busy machine does not make ticks late.
 
 Linux grants it to root and to processes with an rtprio limit. The process of a simulated bus comes first, it stands for
-a wire; then the tick, then what stamps the sensors, then the pictures' long computations; the recording's thread stays
-an ordinary one. The kernel keeps 5 % of the time for all
-others, so a process that runs away can still be stopped.
+a wire; then the tick, then what stamps the sensors, then the pictures' long computations, then the recording. That one
+comes last, but before everything ordinary: while another program has its processor, it may hold the interpreter's lock,
+for which the tick would wait. The kernel keeps 5 % of the time for all others, so a process that runs away can still be
+stopped.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ class Level(IntEnum):
     """Real-time priorities; higher runs first."""
 
     ORDINARY = 0
+    RECORDING = 2
     VISION = 5
     SENSORS = 10
     TICK = 15

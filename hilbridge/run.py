@@ -16,11 +16,11 @@ from typing import Any, Protocol
 from hilbridge.config import Config, RecordingConfig
 from hilbridge.errors import InputError
 from hilbridge.labels.live import MarkOptions, marking
-from hilbridge.observe.background import BackgroundRecording
+from hilbridge.observe.keeping.background import BackgroundRecording
+from hilbridge.observe.keeping.pictures import PictureFormat, Pictures
+from hilbridge.observe.keeping.retention import remove_old
 from hilbridge.observe.parts import Rotation
-from hilbridge.observe.pictures import PictureFormat, Pictures
 from hilbridge.observe.report import write_report
-from hilbridge.observe.retention import remove_old
 from hilbridge.observe.signals import SignalRows
 from hilbridge.observe.summary import Summary
 from hilbridge.priority import use_realtime_scheduling
@@ -120,6 +120,9 @@ async def run_bridge(
     Raises InputError when the bus, the key or the senses cannot be used.
     """
     recording = BackgroundRecording(folder / RECORDING, SignalRows(parts.codec), _rotation(config.recording))
+    recording.on_failure = lambda why: watcher.notice(
+        f"recording {recording.path}: {why}; nothing is recorded any more"
+    )
     pictures = _pictures(config.recording, recording)
     begin_ns = time.monotonic_ns()
 

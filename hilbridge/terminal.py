@@ -128,6 +128,25 @@ def counting(text: str, total: int) -> Iterator[Callable[[], None]]:
         yield lambda: bar.advance(task)
 
 
+@contextmanager
+def counted(text: str, quiet: bool) -> Iterator[Callable[[], None]]:
+    """How many items are done, where nobody knows of how many. Nothing where nobody watches."""
+    if quiet or not _ERR.is_terminal:
+        yield lambda: None
+        return
+    columns = [TextColumn("{task.description}"), BarColumn(24), TextColumn("{task.completed:,}"), TimeElapsedColumn()]
+    with Progress(*columns, console=_ERR, transient=True) as bar:
+        task, done = bar.add_task(text, total=None), 0
+
+        def one() -> None:
+            nonlocal done
+            done += 1
+            if done % 1000 == 0:  # a bar costs more than a frame
+                bar.update(task, completed=done)
+
+        yield one
+
+
 def print_figures(figures: Mapping[str, float | None]) -> None:
     """Names and numbers, one a line."""
     table = Table(show_header=False, box=None, padding=(0, 2, 0, 0))

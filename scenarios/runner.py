@@ -6,6 +6,7 @@ import json
 import os
 import re
 import shlex
+import unicodedata
 from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -23,6 +24,8 @@ from scenarios.live.run import run_live
 from scenarios.lockstep.run import run_scenario
 from scenarios.verdict.judging import Result, Skipped
 from scenarios.verdict.junit import write_junit
+
+_NAME_LIMIT_BYTES = 100  # of a file's, without its ending
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,8 +62,8 @@ def refuse_recorded(out: Path, scenarios: Sequence[Scenario]) -> None:
 
     One in virtual time is replaced, since its scenario and seed give the same bytes.
     """
-    for scenario in scenarios:
-        recording = out / f"{file_name(scenario.name)}.mcap"
+    for name in file_names(scenarios):
+        recording = out / f"{name}.mcap"
         if recording.exists():
             raise InputError(f"{recording}: is there already; name another folder, or replace it with --force")
 
@@ -87,19 +90,19 @@ def run_all(
 
 
 def _outcomes(found: Sequence[tuple[Path, Scenario]], options: RunOptions) -> Iterator[Result | InputError]:
+    named = list(zip(found, file_names([scenario for _, scenario in found]), strict=True))
     if options.live is not None:  # real time: one after the other, and none in a pool's worker
-        return (_run_one(path, scenario, options) for path, scenario in found)
-    calls = [joblib.delayed(_run_one)(path, scenario, options) for path, scenario in found]
+        return (_run_one(path, scenario, name, options) for (path, scenario), name in named)
+    calls = [joblib.delayed(_run_one)(path, scenario, name, options) for (path, scenario), name in named]
     outcomes: Iterator[Result | InputError] = joblib.Parallel(
         n_jobs=options.jobs, return_as="generator", initializer=end_with, initargs=(os.getpid(),)
     )(calls)
     return outcomes
 
 
-def _run_one(path: Path, scenario: Scenario, options: RunOptions) -> Result | InputError:
+def _run_one(path: Path, scenario: Scenario, name: str, options: RunOptions) -> Result | InputError:
     """In a worker: errors come back as values, since a pool may not carry them over."""
     scenario = reseeded(scenario, options.seed)
-    name = file_name(scenario.name)
     folder = options.out
     try:
         recording = None if folder is None else folder / f"{name}.mcap"
@@ -121,5 +124,19 @@ def _run_one(path: Path, scenario: Scenario, options: RunOptions) -> Result | In
 
 
 def file_name(name: str) -> str:
-    """A scenario's name as a file's."""
-    return re.sub(r"[^a-z0-9]+", "-", name.lower()).strip("-")
+    """A scenario's name as a file's: letters and digits of any script."""
+    plain = re.sub(r"[\W_]+", "-", unicodedata.normalize("NFC", name).lower()).strip("-")
+    return plain.encode()[:_NAME_LIMIT_BYTES].decode(errors="ignore").strip("-") or "scenario"
+
+
+def file_names(scenarios: Sequence[Scenario]) -> list[str]:
+    """A file name for each of the scenarios; where two would have the same, the later is numbered."""
+    given: dict[str, None] = {}
+    for scenario in scenarios:
+        first = name = file_name(scenario.name)
+        number = 1
+        while name in given:
+            number += 1
+            name = f"{first}-{number}"
+        given[name] = None
+    return list(given)

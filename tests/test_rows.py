@@ -14,7 +14,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hilbridge.features.layout import D
-from hilbridge.observe.pictures import PictureFormat, image_row
+from hilbridge.observe.keeping.pictures import PictureFormat, image_row
 from hilbridge.observe.signals import SignalRows
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample, Hand, HandTracks, IntentEstimate
 from hilbridge.rows import (

@@ -1,10 +1,11 @@
-"""CAN logs people use: candump `.log`, Vector `.asc` and `.blf`, ASAM `.mf4`, through python-can's readers and writers.
+"""CAN logs people use: candump `.log`, Vector `.asc` and `.blf`, ASAM `.mf4`, PEAK `.trc`, mostly by python-can's means.
 
 `.mf4` needs the extra `mdf` (asammdf, LGPL-3.0-or-later: a separate package that this one only imports).
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -13,11 +14,13 @@ from typing import Any
 import can
 
 from hilbridge.bus.candump_text import candump_line, read_candump
+from hilbridge.bus.mf4_batches import in_batches
+from hilbridge.bus.trc_text import trc_writer
 from hilbridge.errors import InputError, needs_extra
 from hilbridge.records import Frame
 
-SUFFIXES = (".log", ".asc", ".blf", ".mf4")
-_TEXTS = (".log", ".asc")
+SUFFIXES = (".log", ".asc", ".blf", ".mf4", ".trc")
+_TEXTS = (".log", ".asc", ".trc")
 
 
 def _check(path: Path) -> None:
@@ -66,7 +69,30 @@ def _reader(path: Path) -> Iterator[can.Message]:
                 start_s = float(getattr(reader, "start_time", 0.0) or 0.0)
                 total_s += message.timestamp - start_s
                 message.timestamp = start_s + total_s
-            yield message
+            yield _as_the_file_means(message, path.suffix.lower())
+
+
+def _as_the_file_means(message: can.Message, suffix: str) -> can.Message:
+    """PEAK counts buses from one, and its length codes are no lengths; FD has no remote frames, only empty ones."""
+    if message.is_fd:
+        message.is_remote_frame = False
+    if suffix == ".trc":
+        if isinstance(message.channel, int) and message.channel > 0:
+            message.channel -= 1
+        if not message.is_remote_frame:
+            message.dlc = len(message.data)
+    return message
+
+
+def losses(message: can.Message, suffix: str) -> str | None:
+    """What a log of this kind cannot hold of a frame, in words; None where it holds all."""
+    if message.is_error_frame and suffix == ".trc":
+        return "error frames"
+    if message.is_error_frame and suffix == ".asc" and (message.arbitration_id or any(message.data)):
+        return "error frames' classes and data"
+    if message.is_error_frame and suffix == ".blf" and not message.is_rx:
+        return "error frames' direction"
+    return None
 
 
 def _has_events(path: Path) -> bool:
@@ -88,23 +114,33 @@ def write_messages(path: Path, messages: Iterable[can.Message]) -> int:
     _check(path)
     part = path.with_name(f".{path.stem}.part{path.suffix}")
     count = 0
-    write: Callable[[can.Message], object]
+    write: Callable[[can.Message], object] | None = None
     try:
         with ExitStack() as open_files:
-            if path.suffix.lower() == ".log":
-                file = open_files.enter_context(part.open("w", encoding="utf-8"))
-                write = lambda message: file.write(candump_line(message))  # noqa: E731 - one of two writers
-            else:
-                write = open_files.enter_context(can.Logger(part))
             for message in messages:
+                write = write or _writer(part, message, open_files)
                 write(message)
                 count += 1
+            if write is None:  # a log without frames is one, too
+                _writer(part, can.Message(), open_files)
         part.replace(path)
     except OSError as error:
         raise InputError(f"{path}: {error.strerror}; choose a folder that exists and can be written to") from error
     finally:
         part.unlink(missing_ok=True)
     return count
+
+
+def _writer(part: Path, first: can.Message, open_files: ExitStack) -> Callable[[can.Message], object]:
+    """What writes a log of this name that begins with `first`."""
+    suffix = part.suffix.lower()
+    if suffix in (".log", ".trc"):
+        file = open_files.enter_context(part.open("w", encoding="utf-8"))
+        return trc_writer(file) if suffix == ".trc" else lambda message: file.write(candump_line(message))
+    logger = open_files.enter_context(can.Logger(part))
+    if isinstance(logger, can.ASCWriter):  # its stamps count from a start that has whole milliseconds
+        logger.log_event("Start of measurement", math.floor(first.timestamp * 1e3) / 1e3)
+    return in_batches(logger) if isinstance(logger, can.MF4Writer) else logger
 
 
 def convert(source: Path, target: Path) -> int:

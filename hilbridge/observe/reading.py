@@ -9,15 +9,18 @@ import heapq
 import json
 import os
 import struct
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
+from io import BytesIO
 from pathlib import Path
-from typing import IO, Any, cast
+from typing import IO, Any
 
 import zstandard
+from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.records import Channel, Chunk, DataEnd, Footer, McapRecord, Message, Schema, Statistics
-from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
 
 from hilbridge.errors import InputError
 from hilbridge.observe.parts import recordings_in
@@ -28,20 +31,19 @@ _MAGIC = b"\x89MCAP0\r\n"
 _MOST_CHUNK_BYTES = 64 << 20
 # Rows of two threads may come in a little out of order of time.
 _REORDER_NS = 2_000_000_000
+_HEAD = struct.Struct("<BQ")
+_MESSAGE = struct.Struct("<HIQQ")
+_LAST_OPCODE = 0x0F
+_READ: dict[int, Any] = {
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.MESSAGE: Message,
+    Opcode.CHUNK: Chunk,
+    Opcode.STATISTICS: Statistics,
+    Opcode.DATA_END: DataEnd,
+    Opcode.FOOTER: Footer,
+}
 _DAMAGE = (McapError, CRCValidationError, zstandard.ZstdError, struct.error, ValueError, EOFError, OverflowError)
-
-
-class _Clamped:
-    """A file that is never asked for more than it has: a damaged length must not take memory."""
-
-    def __init__(self, file: IO[bytes]) -> None:
-        self._file = file
-        self._left = os.fstat(file.fileno()).st_size
-
-    def read(self, size: int = -1) -> bytes:
-        data = self._file.read(min(size, self._left) if size >= 0 else self._left)
-        self._left -= len(data)
-        return data
 
 
 class RecordingReader:
@@ -79,7 +81,6 @@ class RecordingReader:
             with path.open("rb") as file:
                 if file.read(len(_MAGIC)) != _MAGIC:
                     raise InputError(f"recording {path}: no MCAP file; name a recording that hilbridge wrote")
-                file.seek(0)
                 yield from self._messages(path, file)
         except OSError as error:
             raise InputError(f"recording {path}: {error.strerror}") from None
@@ -93,13 +94,11 @@ class RecordingReader:
         ended, counted = False, None
         try:
             # Only chunks are checked here, by their own checksums: their rows must not wait for the end of the file.
-            for record in StreamReader(
-                cast(IO[bytes], _Clamped(file)), emit_chunks=True, record_size_limit=_MOST_CHUNK_BYTES
-            ).records:
+            for record in _records(file):
                 ended |= isinstance(record, DataEnd | Footer)
                 if isinstance(record, Statistics):
                     counted = record.message_count
-                for part in _parts(record):
+                for part in _parts(record, self._is_asked_for(channels)):
                     if isinstance(part, Message):
                         row = self._row(path, part, channels)
                         if row is not None:
@@ -128,20 +127,31 @@ class RecordingReader:
     def _wants(self, topic: str) -> bool:
         return self._topics is None or topic in self._topics or topic.startswith(self._families or ("\0",))
 
+    def _is_asked_for(self, channels: dict[int, Channel]) -> Callable[[int], bool]:
+        """Counts a message of a channel, and says whether anybody wants it. Raises ValueError for an unknown channel."""
+        wanted: dict[int, bool] = {}
+
+        def asked(channel_id: int) -> bool:
+            known = wanted.get(channel_id)
+            if known is None:
+                if channel_id not in channels:
+                    raise ValueError(f"a message of the unknown channel {channel_id}")
+                topic = channels[channel_id].topic
+                known = wanted[channel_id] = self._wants(topic) or topic == MetaRow.topic
+            self._rows += 1
+            return known
+
+        return asked
+
     def _row(self, path: Path, message: Message, channels: dict[int, Channel]) -> Row | None:
-        channel = channels.get(message.channel_id)
-        if channel is None:
-            raise ValueError(f"a message of the unknown channel {message.channel_id}")
-        self._rows += 1
-        if not self._wants(channel.topic) and channel.topic != MetaRow.topic:
-            return None
+        topic = channels[message.channel_id].topic
         try:
-            row = decode(channel.topic, message.log_time, message.data)
+            row = decode(topic, message.log_time, message.data)
         except ValueError as error:
             raise InputError(f"recording {path}: not written by hilbridge as it is now ({error})") from None
         if isinstance(row, MetaRow):
             self._same_run(path, row)
-        return row if self._wants(channel.topic) else None
+        return row if self._wants(topic) else None
 
     def _same_run(self, path: Path, meta: MetaRow) -> None:
         """Parts of two runs are no recording."""
@@ -155,17 +165,71 @@ class RecordingReader:
         return f"cut off or damaged after {self._rows} rows ({why}); `hilbridge recover` makes a whole file of what is left"
 
 
-def _parts(record: McapRecord) -> list[McapRecord]:
-    """What a record holds, a chunk's content with its checksum right. Raises ValueError for one that would not fit."""
+def _records(file: IO[bytes]) -> Iterator[McapRecord]:
+    """The file's own records in their order, indices left out; no more is read than there is, whatever a length says.
+
+    Raises what `_DAMAGE` names where the file is damaged or ends before its end.
+    """
+    size, at = os.fstat(file.fileno()).st_size, len(_MAGIC)
+    file.seek(at)
+    while True:
+        head = file.read(_HEAD.size)
+        if head == _MAGIC:
+            return
+        if len(head) < _HEAD.size:
+            raise EOFError("the file ends in the middle")
+        opcode, length = _HEAD.unpack(head)
+        at += _HEAD.size + length
+        if at > size:
+            raise EOFError("the file ends in the middle")
+        if not 0 < opcode <= _LAST_OPCODE:
+            raise ValueError(f"a record of the unknown kind {opcode:#04x}")
+        if opcode not in _READ:
+            file.seek(at)
+        elif length > _MOST_CHUNK_BYTES:
+            raise ValueError(f"a record of {length} bytes")
+        else:
+            stream = ReadDataStream(BytesIO(file.read(length)))
+            yield Message.read(stream, length) if opcode == Opcode.MESSAGE else _READ[opcode].read(stream)
+
+
+def _parts(record: McapRecord, is_asked_for: Callable[[int], bool]) -> Iterator[McapRecord]:
+    """What a record holds, a chunk's content with its checksum right, less messages that nobody wants.
+
+    Raises ValueError for a chunk that would not fit.
+    """
     if not isinstance(record, Chunk):
-        return [record]
+        if not isinstance(record, Message) or is_asked_for(record.channel_id):
+            yield record
+        return
     if record.uncompressed_size > _MOST_CHUNK_BYTES:
         raise ValueError(f"a chunk of {record.uncompressed_size} bytes")
     if record.compression == "zstd" and zstandard.frame_content_size(record.data) != record.uncompressed_size:
         raise ValueError("a chunk whose size is not what it says")
     if record.uncompressed_crc == 0:
         raise ValueError("a chunk without a checksum")
-    return breakup_chunk(record, validate_crc=True)
+    stream, size = get_chunk_data_stream(record, validate_crc=True)
+    # Most of a recording is pictures and frames that few ask for: they are stepped over, not taken apart.
+    yield from _content(stream.read(size), is_asked_for)
+
+
+def _content(data: bytes, is_asked_for: Callable[[int], bool]) -> Iterator[McapRecord]:
+    at = 0
+    while at < len(data):
+        opcode, length = _HEAD.unpack_from(data, at)
+        at += _HEAD.size
+        end = at + length
+        if end > len(data):
+            raise ValueError("a record beyond the end of its chunk")
+        if opcode == Opcode.MESSAGE:
+            channel_id, sequence, log_time, publish_time = _MESSAGE.unpack_from(data, at)
+            if is_asked_for(channel_id):
+                yield Message(channel_id, log_time, data[at + _MESSAGE.size : end], publish_time, sequence)
+        elif opcode == Opcode.CHANNEL:
+            yield Channel.read(ReadDataStream(BytesIO(data[at:end])))
+        elif opcode == Opcode.SCHEMA:
+            yield Schema.read(ReadDataStream(BytesIO(data[at:end])))
+        at = end
 
 
 def _in_order(rows: Iterator[Row]) -> Iterator[Row]:

@@ -17,9 +17,8 @@ from pathlib import Path
 from types import TracebackType
 from typing import Any, Protocol
 
-from mcap.writer import CompressionType, Writer
-
 from hilbridge.errors import InputError
+from hilbridge.observe.mcap_file import McapFile
 from hilbridge.rows import MetaRow, Row, encode, json_schema, schema_name
 
 _CHUNK_NS = 500_000_000
@@ -48,14 +47,6 @@ class AddsNothing:
         return None
 
 
-class _ChunkWriter(Writer):
-    """The library ends a chunk by its size only; a crash may cost a second, whatever the size."""
-
-    def end_chunk(self) -> None:
-        """Write what waits as a chunk of its own."""
-        self._Writer__finalize_chunk()  # type: ignore[attr-defined]
-
-
 class Recording:
     """Writes one MCAP file, row by row. Use as a context manager. Raises InputError where nothing can be written.
 
@@ -77,8 +68,7 @@ class Recording:
         self.path = path
         self._adds: Adds = AddsNothing() if adds is None else adds
         self._is_lasting = is_lasting
-        self._writer = _ChunkWriter(self._file, chunk_size=_CHUNK_BYTES, compression=CompressionType.ZSTD)
-        self._writer.start(profile="", library=LIBRARY)
+        self._mcap = McapFile(self._file, LIBRARY)
         self._channels: dict[str, int] = {}
         self._sequence = 0
         self._chunk_from_ns: int | None = None
@@ -104,23 +94,20 @@ class Recording:
             channel = self._channels[topic] = self._register(topic)
         if self._chunk_from_ns is None:
             self._chunk_from_ns = row.time_ns
-        elif row.time_ns - self._chunk_from_ns >= _CHUNK_NS:
+        elif row.time_ns - self._chunk_from_ns >= _CHUNK_NS or self._mcap.chunk_bytes >= _CHUNK_BYTES:
             self.flush()
             self._chunk_from_ns = row.time_ns
         self._sequence += 1
-        published_ns = row.time_ns + self._wall_minus_log_ns
-        self._writer.add_message(channel, row.time_ns, encode(row), published_ns, self._sequence)
+        self._mcap.add_message(channel, row.time_ns, row.time_ns + self._wall_minus_log_ns, self._sequence, encode(row))
 
     def _register(self, topic: str) -> int:
         known = self._adds.schemas.get(topic)
         schema = json.dumps(json_schema(topic) if known is None else known).encode()
-        return self._writer.register_channel(
-            topic, "json", self._writer.register_schema(schema_name(topic), "jsonschema", schema)
-        )
+        return self._mcap.add_channel(topic, schema_name(topic), schema)
 
     def flush(self) -> None:
         """End the chunk under way, so that what was written so far survives this process."""
-        self._writer.end_chunk()
+        self._mcap.end_chunk()
         self._file.flush()
         if self._is_lasting:
             os.fsync(self._file.fileno())
@@ -128,7 +115,7 @@ class Recording:
     def close(self) -> None:
         """Finish the file. Raises OSError; what had been flushed can be read all the same."""
         try:
-            self._writer.finish()  # type: ignore[no-untyped-call]  # mcap annotates all but this one
+            self._mcap.finish()
         finally:
             self._file.close()
 

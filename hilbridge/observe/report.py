@@ -67,13 +67,20 @@ def write_report(recording: Path | Sequence[Path], target: Path) -> Summary:
     return summary
 
 
-def timeline_svg(ticks: Sequence[TickRow], devices: Sequence[DeviceRow], meta: MetaRow) -> str:
-    """Confidence against its thresholds, the gate, the device's state and its torque, on one time axis."""
+def plotter() -> Any:
+    """matplotlib's pyplot for a process without a display. Names are shown as they are: `$` begins no formula in them."""
     import matplotlib
 
     matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
+    matplotlib.rcParams["text.parse_math"] = False
+    from matplotlib import pyplot
 
+    return pyplot
+
+
+def timeline_svg(ticks: Sequence[TickRow], devices: Sequence[DeviceRow], meta: MetaRow) -> str:
+    """Confidence against its thresholds, the gate, the device's state and its torque, on one time axis."""
+    plt = plotter()
     start_ns = ticks[0].time_ns
     figure, (top, gate, device, torque) = plt.subplots(
         4, 1, figsize=(11, 7), sharex=True, height_ratios=[3, 0.9, 0.7, 2], layout="constrained"
@@ -122,11 +129,7 @@ def _draw_states(axis: Any, devices: Sequence[DeviceRow], start_ns: int) -> None
 
 def latency_svg(ticks: Sequence[TickRow]) -> str:
     """Distribution of the time from the picture's capture to its ACT_CMD."""
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    plt = plotter()
     values = [row.latency_ms for row in ticks if row.latency_ms is not None]
     figure, axis = plt.subplots(figsize=(5.2, 2.6), layout="constrained")
     axis.hist(values, bins=40, color="#457b9d")

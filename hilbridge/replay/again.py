@@ -106,7 +106,7 @@ def _counted(rows: Iterable[Row], tally: Tally) -> Iterator[Row]:
 
 
 def _anew(made: Made, detector: FindsHands | None) -> AnewLooks:
-    from hilbridge.observe.pictures import camera_frame, scene_frame
+    from hilbridge.observe.keeping.pictures import camera_frame, scene_frame
 
     return AnewLooks(made, Eyes(scene_frame, camera_frame, detector))
 

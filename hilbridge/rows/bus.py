@@ -32,6 +32,14 @@ class CanRow:
     is_extended: bool = False
     is_fd: bool = False
     is_remote: bool = False
+    channel: str | None = None
+    """Of a log that was imported, like the three below: which bus it was."""
+    switches_rate: bool | None = None
+    """An FD frame's bit rate switch."""
+    sender_passive: bool | None = None
+    """An FD frame's error state indicator."""
+    asked_length: int | None = None
+    """How many bytes a remote frame asks for."""
 
 
 def received_row(frame: Frame, name: str | None, now_ns: int) -> CanRow:

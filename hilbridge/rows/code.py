@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from functools import cache
 from typing import Any
 
 from pydantic import TypeAdapter, ValidationError
@@ -87,8 +88,12 @@ def schema_name(topic: str) -> str:
     return str(getattr(TOPICS.get(topic), "schema", topic.strip("/")))
 
 
+@cache
 def json_schema(topic: str) -> dict[str, Any]:
-    """The JSON schema of a topic's rows, with plain types: viewers list only fields that `properties` names so."""
+    """The JSON schema of a topic's rows, with plain types: viewers list only fields that `properties` names so.
+
+    It is made once: not to be changed.
+    """
     schema = viewable(_ADAPTERS[topic].json_schema(mode="serialization"))
     del schema["properties"]["time_ns"]
     schema["required"] = [name for name in schema["required"] if name != "time_ns"]

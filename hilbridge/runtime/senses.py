@@ -87,22 +87,23 @@ def open_senses(config: SensorsConfig) -> Senses:
     """Open what the configuration names. Raises InputError naming the first thing that is not there, and the cure."""
     from hilbridge.sensors.camera import CameraSource
     from hilbridge.sensors.gaze import GazePlayer, open_gaze
-    from hilbridge.sensors.models import hand_model_path
+    from hilbridge.sensors.models import hand_model_path, load_hand_model
 
     if config.camera is None:
         raise InputError("no camera is given; add --camera INDEX|FILE|URL (or [sensors] camera in bridge.toml)")
     # Cheap checks first: nothing is started, and no device taken, for a run that cannot begin.
     recording = open_gaze(Path(config.gaze)) if config.gaze is not None else None
     model = Path(config.hand_model) if config.hand_model is not None else hand_model_path()
-    if config.hands and not model.is_file():
-        raise InputError(
-            f"hand model {model}: not there; get it once with `hilbridge fetch-models`, or give --no-hands"
-        )
+    if config.hands:
+        try:
+            load_hand_model(model, config.hand_model_sha256)
+        except InputError as error:
+            raise InputError(f"{error}, or give --no-hands") from None
 
     def find_hands() -> FindsHands:
         from hilbridge.sensors.hands import HandDetector
 
-        return HandDetector(model)
+        return HandDetector(model, sha256=config.hand_model_sha256)
 
     camera = CameraSource(config.camera, loop=config.loop, fps=config.camera_fps)
     gaze = GazePlayer(recording, loop=config.loop) if recording is not None else None

@@ -16,6 +16,7 @@ import numpy as np
 
 from hilbridge.errors import InputError, needs_extra
 from hilbridge.records import CameraFrame, Hand, HandTracks
+from hilbridge.sensors.models import load_hand_model
 
 # Landmarks whose mean is the palm's centre: wrist and the five finger bases.
 _PALM = (0, 1, 5, 9, 13, 17)
@@ -24,17 +25,16 @@ _PALM = (0, 1, 5, 9, 13, 17)
 class HandDetector:
     """Finds up to two hands in pictures given in order of time. Use as a context manager; `close()` frees the graph.
 
-    Raises InputError when the extra or the model is absent.
+    Raises InputError when the extra or the model is absent, or the model is another one (`sha256`: one's own).
     """
 
-    def __init__(self, model: Path, *, max_hands: int = 2, min_score: float = 0.5) -> None:
-        if not model.is_file():
-            raise InputError(f"hand model {model}: not there; get it once with `hilbridge fetch-models`")
+    def __init__(self, model: Path, *, sha256: str | None = None, max_hands: int = 2, min_score: float = 0.5) -> None:
+        content = load_hand_model(model, sha256)
         with needs_extra("hands"), _quiet_stderr():
             import mediapipe as mp
         vision = mp.tasks.vision
         options = vision.HandLandmarkerOptions(
-            base_options=mp.tasks.BaseOptions(model_asset_path=str(model)),
+            base_options=mp.tasks.BaseOptions(model_asset_buffer=content),
             running_mode=vision.RunningMode.VIDEO,
             num_hands=max_hands,
             min_hand_detection_confidence=min_score,

@@ -14,6 +14,7 @@ import tempfile
 import urllib.error
 import urllib.request
 import zipfile
+import zlib
 from collections.abc import Callable
 from pathlib import Path
 
@@ -28,6 +29,7 @@ HAND_MODEL_URL = (
 )
 HAND_MODEL_SHA256 = "fbc2a30080c3c557093b5ddfc334698132eb341044ccee322ccf8bcf3607cde1"
 WHEEL = "mediapipe==0.10.21"
+_PART_LIMIT_BYTES = 64_000_000
 # name in the bundle -> (file in the wheel, its sha256)
 WHEEL_PARTS = {
     "hand_detector.tflite": (
@@ -49,17 +51,52 @@ def hand_model_path() -> Path:
 
 def hand_model_problem(path: Path) -> str | None:
     """Why the file at `path` is not the hand model, or None when it is (either of the two accepted contents)."""
-    if not path.is_file():
-        return "not there"
-    data = path.read_bytes()
+    try:
+        return _problem(path.read_bytes())
+    except OSError as error:
+        return "not there" if isinstance(error, FileNotFoundError) else f"cannot be read ({error.strerror})"
+
+
+def load_hand_model(path: Path, sha256: str | None = None) -> bytes:
+    """The content of the hand model, its hash checked: `sha256` of a file of one's own, or that of the pinned one.
+
+    What is checked is what is given, whatever happens to the file afterwards. Raises InputError with the cure.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise InputError(f"hand model {path}: not there; get it once with `hilbridge fetch-models`") from None
+    except OSError as error:
+        raise InputError(
+            f"hand model {path}: cannot be read ({error.strerror}); run `hilbridge fetch-models`"
+        ) from None
+    if sha256 is not None:
+        found = hashlib.sha256(data).hexdigest()
+        if found != sha256.lower():
+            raise InputError(f"hand model {path}: its sha256 is {found}, not the {sha256.lower()} of hand_model_sha256")
+        return data
+    problem = _problem(data)
+    if problem is not None:
+        raise InputError(
+            f"hand model {path}: {problem}; get the right one with `hilbridge fetch-models --force`, "
+            "or give hand_model_sha256 for a file of your own"
+        )
+    return data
+
+
+def _problem(data: bytes) -> str | None:
     if hashlib.sha256(data).hexdigest() == HAND_MODEL_SHA256:
         return None
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as bundle:
             for name, (_, digest) in WHEEL_PARTS.items():
+                if bundle.getinfo(name).file_size > _PART_LIMIT_BYTES:
+                    return f"{name} in it is too large"
                 if hashlib.sha256(bundle.read(name)).hexdigest() != digest:
                     return f"{name} in it has another hash than the one pinned"
-    except (zipfile.BadZipFile, KeyError):
+            if len(bundle.infolist()) != len(WHEEL_PARTS):
+                return "more in it than the two networks"
+    except (zipfile.BadZipFile, KeyError, NotImplementedError, RuntimeError, zlib.error, EOFError):
         return "neither the official file nor one assembled from the wheel"
     return None
 

@@ -11,7 +11,7 @@ import markupsafe
 import numpy as np
 
 from hilbridge.files import write_whole
-from hilbridge.observe.report import STATE_COLOURS, as_svg
+from hilbridge.observe.report import STATE_COLOURS, as_svg, plotter
 from scenarios.format.files import dump_scenario
 from scenarios.signals.trace import Trace
 from scenarios.verdict.outcome import Run
@@ -35,11 +35,7 @@ def write_page(run: Run, path: Path) -> Path:
 
 
 def _timeline(run: Run) -> str:
-    import matplotlib
-
-    matplotlib.use("Agg")
-    import matplotlib.pyplot as plt
-
+    plt = plotter()
     trace = run.trace
     seconds = np.arange(trace.length) * trace.step_ms / 1000.0
     figure, (confidence, gate, device, torque, fault) = plt.subplots(

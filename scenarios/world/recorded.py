@@ -30,7 +30,7 @@ from hilbridge.records import (
 from hilbridge.runtime.account.judge import Mind
 from hilbridge.sensors.gaze import open_gaze
 from hilbridge.sensors.hands import HandDetector
-from hilbridge.sensors.models import hand_model_path
+from hilbridge.sensors.models import hand_model_path, load_hand_model
 from scenarios.format.schema import Session
 
 _GREY = np.full((72, 96, 3), 128, np.uint8)
@@ -80,8 +80,8 @@ class Filmed(Unlabelled):
         long_enough(f"video {session.video}", self._video.duration_ns, session.from_, duration_ns)
         self._gaze = open_gaze(Path(session.gaze))
         long_enough(f"gaze {session.gaze}", int(self._gaze.time_ns[-1]), session.from_, duration_ns)
-        if session.hands and not hand_model_path().is_file():
-            raise InputError(f"hand model {hand_model_path()}: not there; get it once with `hilbridge fetch-models`")
+        if session.hands:
+            load_hand_model(hand_model_path())
         self._detector: HandDetector | None = None  # made by the thread that looks for hands: it wants one thread
 
     def frame(self, t_ns: int) -> CameraFrame:

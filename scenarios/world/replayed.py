@@ -17,7 +17,7 @@ from hilbridge.errors import InputError
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import STEP_NS, D, drop_modality
 from hilbridge.limits import SENSING_LIMIT_NS
-from hilbridge.observe.pictures import camera_frame, scene_frame
+from hilbridge.observe.keeping.pictures import camera_frame, scene_frame
 from hilbridge.observe.reading import read_recording
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample, HandTracks, IntentEstimate, Modality
 from hilbridge.rows import (

@@ -30,6 +30,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "observe": {"core", "features", "sensors", "wire"},
     "labels": {"observe"},
     "run": {"config", "labels", "observe", "runtime"},
+    "exchange": {"bus", "observe", "wire"},
     "doctor": {"bus", "config", "core", "doctor_sensors", "intent", "observe", "sensors", "wire"},
     "doctor_sensors": {"sensors"},
     "replay": {"config", "core", "features", "intent", "observe", "runtime", "sensors"},
@@ -38,6 +39,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "demo": {"bus", "config", "core", "observe", "run", "runtime", "wearer"},
     "terminal": {"core", "doctor", "observe", "run"},
     "cli_bus": {"bus", "config", "wire"},
+    "cli_exchange": {"exchange", "terminal"},
     "cli_learning": {"intent", "learning", "terminal"},
     "bench": {"bus", "core", "features", "intent", "learning", "observe", "runtime", "wire"},
 }
@@ -49,7 +51,9 @@ SUBROOMS: dict[str, dict[str, set[str]]] = {
         "analysis": {"model", "message_set"},
         "message_set": {"model"},
         "candump_text": set(),
-        "logs": {"candump_text"},
+        "trc_text": set(),
+        "mf4_batches": set(),
+        "logs": {"candump_text", "mf4_batches", "trc_text"},
         "diagnosis": {"model", "port", "logs"},
     },
     "hilbridge.learning": {

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hilbridge.observe.pictures import PictureFormat, image_row
+from hilbridge.observe.keeping.pictures import PictureFormat, image_row
 from hilbridge.observe.recording import Recording
 from hilbridge.records import Action, CameraFrame, HoldReason
 from hilbridge.rows import MetaRow, TickRow

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from hilbridge.errors import InputError
-from hilbridge.observe.background import BackgroundRecording
+from hilbridge.observe.keeping.background import BackgroundRecording
 from hilbridge.observe.parts import RecordingInParts, Rotation, part_number, part_path, recordings_in
 from hilbridge.observe.reading import read_recording
 from hilbridge.observe.recording import AddsNothing, Recording

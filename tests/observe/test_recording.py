@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
+import jsonschema
 import pytest
 from mcap.reader import make_reader
+from mcap.records import ChunkIndex
+from mcap.stream_reader import StreamReader
 
 from hilbridge.errors import InputError
-from hilbridge.observe.background import BackgroundRecording
+from hilbridge.observe.keeping import background
+from hilbridge.observe.keeping.background import BackgroundRecording
 from hilbridge.observe.reading import read_recording
 from hilbridge.observe.recording import Recording
-from hilbridge.rows import CanRow, Direction, EventRow, MetaRow
+from hilbridge.observe.signals import SignalRows
+from hilbridge.rows import CanRow, Direction, EventRow, MetaRow, SceneRow
+from hilbridge.wire.codec import Codec
 
 FRAME = CanRow(1, Direction.RX, 96, b"\x00\xff")
 
@@ -108,3 +115,47 @@ def test_publish_times_are_of_the_wall_clock_where_it_is_known(tmp_path: Path) -
     with (tmp_path / "a.mcap").open("rb") as file:
         stamps = [(message.log_time, message.publish_time) for _, _, message in make_reader(file).iter_messages()]
     assert stamps == [(5, 1_005), (7, 1_007)]
+
+
+def test_a_strict_reader_finds_nothing_wrong(tmp_path: Path) -> None:
+    with Recording(tmp_path / "a.mcap", SignalRows(Codec())) as recording:
+        for number in range(300):
+            recording.write(EventRow(number * 10_000_000, str(number)))
+            recording.write(CanRow(number * 10_000_000, Direction.RX, 96, bytes(8), "ACT_CMD"))
+    with (tmp_path / "a.mcap").open("rb") as file:
+        records = list(StreamReader(file, validate_crcs=True).records)
+    assert sum(isinstance(record, ChunkIndex) for record in records) >= 5
+    with (tmp_path / "a.mcap").open("rb") as file:
+        reader = make_reader(file, validate_crcs=True)
+        summary = reader.get_summary()
+        assert summary is not None
+        assert summary.statistics is not None
+        assert summary.statistics.message_count == sum(1 for _ in reader.iter_messages()) >= 600
+        for schema in summary.schemas.values():
+            jsonschema.Draft202012Validator.check_schema(json.loads(schema.data))
+
+
+def test_a_disk_that_fails_is_told_once_and_at_once(tmp_path: Path) -> None:
+    recording, told = BackgroundRecording(tmp_path / "a.mcap"), list[str]()
+    recording.on_failure = told.append
+
+    def full() -> None:
+        raise OSError(28, "No space left on device")
+
+    recording._recording.current.flush = full  # type: ignore[method-assign]
+    for second in range(5):
+        recording.write(EventRow(second * 10**9, "row"))
+    with pytest.raises(InputError):
+        recording.close()
+    assert len(told) == 1
+    assert "No space left" in told[0]
+
+
+def test_pictures_give_way_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(background, "_QUEUE_WITH_PICTURES", 0)
+    recording = BackgroundRecording(tmp_path / "a.mcap")
+    recording.write(SceneRow(1, 1, 1, 1, 1, b"rgb"))
+    recording.write(EventRow(2, "x"))
+    recording.close()
+    assert (recording.lost_pictures, recording.lost_rows) == (1, 0)
+    assert list(read_recording(recording.path)) == [EventRow(2, "x")]

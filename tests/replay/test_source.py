@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hilbridge.features.assembler import FeatureAssembler
-from hilbridge.observe.pictures import PictureFormat, camera_frame, image_row, scene_frame, scene_row
+from hilbridge.observe.keeping.pictures import PictureFormat, camera_frame, image_row, scene_frame, scene_row
 from hilbridge.records import Action, CameraFrame, FeatureVector, HandTracks, HoldReason
 from hilbridge.replay.source import AnewLooks, Eyes, Made, recorded_ticks
 from hilbridge.rows import (

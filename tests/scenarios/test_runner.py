@@ -14,7 +14,7 @@ from scenarios.format.collect import collect
 from scenarios.format.files import dump_scenario
 from scenarios.format.schema import Scenario
 from scenarios.live.run import judge_live
-from scenarios.runner import sort_out
+from scenarios.runner import RunOptions, file_names, run_all, sort_out
 from scenarios.verdict.junit import write_junit
 from tests.scenarios.made import CATALOG, happened, refused, scenario
 
@@ -62,3 +62,46 @@ def test_skipped_ones_are_in_the_table_and_in_the_json(
     assert "1 of 1 passed, 1 skipped" in table
     assert "needs a wire that can be broken or full" in table
     assert [one["name"] for one in json.loads("{" + found)["skipped"]] == ["cut"]
+
+
+def test_file_names_are_of_any_script_and_never_the_same_twice() -> None:
+    names = [
+        "a b",
+        "a-b",
+        "A_B",
+        "\u65e5\u672c",
+        "\u043f\u0440\u0438\u0432\u0435\u0442 1",
+        "?!",
+        "...",
+        "a b 2",
+        "x" * 300,
+        "gate (k 1)",
+        "gate (k -1)",
+    ]
+    given = file_names([scenario(name=name) for name in names])
+    assert given[:8] == [
+        "a-b",
+        "a-b-2",
+        "a-b-3",
+        "\u65e5\u672c",
+        "\u043f\u0440\u0438\u0432\u0435\u0442-1",
+        "scenario",
+        "scenario-2",
+        "a-b-2-2",
+    ]
+    assert given[9:] == ["gate-k-1", "gate-k-1-2"]
+    assert len(given[8]) == 100
+
+
+def test_two_scenarios_with_like_names_leave_two_recordings_and_names_are_no_formulas(tmp_path: Path) -> None:
+    for number, name in enumerate(("a b", "a-b", r"$\foo$ <b>", "\u65e5\u672c")):
+        given = scenario(name=name, expect=[{"that": "eventually gate.act", "name": r"$\foo$ \u65e5"}])
+        (tmp_path / f"{number}.yaml").write_text(dump_scenario(given), encoding="utf-8")
+    out = tmp_path / "out"
+    results = run_all(collect([tmp_path]), RunOptions(out))
+    assert len(results) == 4
+    made = sorted(path.name for path in out.iterdir() if path.suffix in (".mcap", ".html"))
+    assert made == sorted(
+        f"{name}.{end}" for name in ("a-b", "a-b-2", "foo-b", "\u65e5\u672c") for end in ("mcap", "html")
+    )
+    assert r"$\foo$ &lt;b&gt;" in (out / "foo-b.html").read_text(encoding="utf-8")

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import hashlib
 from pathlib import Path
 
 import cv2
@@ -17,8 +18,11 @@ def test_absent_or_broken_model_names_file_and_cure(tmp_path: Path) -> None:
         HandDetector(absent)
     broken = tmp_path / "broken.task"
     broken.write_bytes(b"garbage")
-    with pytest.raises(InputError, match=r"broken\.task: mediapipe cannot load it .*fetch-models --force"):
+    with pytest.raises(InputError, match=r"broken\.task: neither the official file .*fetch-models --force"):
         HandDetector(broken)
+    own = hashlib.sha256(b"garbage").hexdigest()
+    with pytest.raises(InputError, match=r"broken\.task: mediapipe cannot load it .*fetch-models --force"):
+        HandDetector(broken, sha256=own)
 
 
 def _rgb(path: Path) -> np.ndarray:  # type: ignore[type-arg]

@@ -45,3 +45,21 @@ def test_the_official_hash_is_checked(monkeypatch: pytest.MonkeyPatch, tmp_path:
     said: list[str] = []
     models.fetch_hand_model(target, say=said.append)
     assert "already there" in said[0]
+
+
+def test_the_hash_is_checked_at_loading(tmp_path: Path, hand_model: Path) -> None:
+    assert models.load_hand_model(hand_model) == hand_model.read_bytes()
+    other = tmp_path / "other.task"
+    content = bytearray(hand_model.read_bytes())
+    content[len(content) // 2] ^= 1
+    other.write_bytes(content)
+    with pytest.raises(InputError, match=r"other\.task: .*fetch-models --force.*hand_model_sha256"):
+        models.load_hand_model(other)
+    own = hashlib.sha256(content).hexdigest()
+    assert models.load_hand_model(other, own.upper()) == content
+    with pytest.raises(InputError, match=rf"other\.task: its sha256 is {own}, not the {'0' * 64}"):
+        models.load_hand_model(other, "0" * 64)
+    with pytest.raises(InputError, match=r"none\.task: not there"):
+        models.load_hand_model(tmp_path / "none.task")
+    with pytest.raises(InputError, match=r"cannot be read"):
+        models.load_hand_model(tmp_path)

@@ -254,6 +254,11 @@ class BusPort:
             return self._defer(frame)
         return self._write(frame)
 
+    @property
+    def waiting(self) -> bool:
+        """Whether frames wait for room."""
+        return bool(self._pending)
+
     def _write(self, frame: Frame) -> SendResult:
         assert self._backend is not None
         result = self._backend.write(frame)

@@ -37,6 +37,7 @@ _BUS_WORK_NS = 500_000  # so much of the bus's catching up
 _NO_REST_NS = 2_000_000
 _REST_NS = 200_000
 _SWEEP_NS = 50_000_000
+_SHARE_NS = 2_500_000  # of work for one client between two sweeps, while the bus cannot keep up
 _MADE_GOOD_WITHIN_NS = 2_000_000  # of work: what every queue holds after a stall takes less
 _OVERLOAD_NS = 5_000_000_000  # from then on nothing is made good, and the bus moves on by a frame a turn
 _OVERLOAD_STEP_NS = 150_000
@@ -74,6 +75,7 @@ class BusServer:
         self._overloaded_until_ns = 0
         self._sweep_ns = 0
         self._rested_ns = 0
+        self._bus_work_ns = 0
 
     def stop(self) -> None:
         """Leave `run` at its next turn (from another thread: at most a tenth of a second later)."""
@@ -140,13 +142,21 @@ class BusServer:
         ]
         known.sort(key=lambda entry: entry[:2])
         began_ns = at_ns = self._clock()
+        served = 0
+        self._bus_work_ns = 0
         for _, _, client, stream in known:
+            if client.spent_ns > _SHARE_NS and began_ns < self._overloaded_until_ns:
+                break  # they and the rest have had their share, and wait for the next sweep
             if client.closing_ns is None:
                 self._read_client(stream, client)
+            served += 1
             before_ns, at_ns = at_ns, self._clock()
-            client.spent_ns += at_ns - before_ns
+            client.spent_ns += at_ns - before_ns - self._bus_work_ns  # what the bus had to do meanwhile is nobody's
+            self._bus_work_ns = 0
             if at_ns - began_ns > _READ_WORK_NS:
                 break
+        if known and not served:
+            time.sleep(_REST_NS / NS_PER_S)
         reception = self._reception
         strangers = [stream for stream, _, client in ready if client is None]
         for stream in strangers[:_STRANGERS_PER_TURN]:
@@ -212,12 +222,18 @@ class BusServer:
     def _dispatch(self, now_ns: int) -> None:
         """Let the bus catch up before and after a frame; once it is behind, only once a turn."""
         if self._behind_since_ns is None:
+            began_ns = self._clock()
             self._catch_up(now_ns)
+            self._bus_work_ns += self._clock() - began_ns
 
     def _bus_now_ns(self, now_ns: int) -> int:
         """The present on the bus: the clock's, unless the bus cannot keep up with it."""
         if now_ns < self._overloaded_until_ns:
-            self._traffic.slip_ns = max(self._traffic.slip_ns, now_ns - self._reached_ns - _OVERLOAD_STEP_NS)
+            due_ns = max(self._reached_ns, self.medium.due_ns)  # an idle bus is late for nothing
+            slip_ns = now_ns - due_ns - _OVERLOAD_STEP_NS
+            if slip_ns > self._traffic.slip_ns:
+                self._traffic.slip_ns = slip_ns
+                self.medium.hasten(now_ns - slip_ns)
         return now_ns - self._traffic.slip_ns
 
     def _catch_up(self, now_ns: int) -> None:

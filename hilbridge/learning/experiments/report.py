@@ -23,6 +23,8 @@ from hilbridge.learning import metrics
 matplotlib.use("Agg")
 from matplotlib import pyplot as plt
 
+plt.rcParams["text.parse_math"] = False  # a verb's name is shown as it is
+
 Row = Mapping[str, Any]
 STYLE = """
 body { font: 15px/1.45 system-ui, sans-serif; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; color: #1c2733; }

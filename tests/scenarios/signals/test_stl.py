@@ -102,6 +102,11 @@ def test_words_truths_edges_and_where_it_came_nearest(
         ("device.state > 3", "only be compared with == and !="),
         ("device.state", "compare it"),
         ("always[3 ms, 1 ms] gate.act", "end after it begins"),
+        ("always[0, 1e999 ms] gate.act", "window [0 ms, inf ms]"),
+        ("always[0, 1e999] gate.act", "no unit"),
+        (f"always[0, {'9' * 400} ms] gate.act", "inf ms"),
+        ("not " * 3000 + "gate.act", "at most 2000"),
+        ("not " * 400 + "gate.act", "nested"),
     ],
 )
 def test_unreadable_formulas_say_where(trace: Trace, formula: str, said: str) -> None:

@@ -11,7 +11,7 @@ from hilbridge.observe.signals import SignalRows
 from hilbridge.rows import SIGNAL_TOPICS, TOPICS, json_schema
 from hilbridge.wire.codec import Codec
 
-DOCS = Path(__file__).resolve().parents[1] / "docs"
+DOCS = Path(__file__).resolve().parents[2] / "docs"
 
 
 def test_the_page_names_every_topic() -> None:

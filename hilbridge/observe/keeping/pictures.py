@@ -114,8 +114,8 @@ class Pictures:
         self._thread.join()
 
     def _run(self) -> None:
-        take_level(Level.ORDINARY)
         while (offered := self._frames.get()) is not None:
+            take_level(Level.RECORDING)  # each time: a run asks for real time after its recording has begun
             try:
                 frame, now_ns = offered
                 if self._blur is None:

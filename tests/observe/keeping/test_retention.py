@@ -1,4 +1,4 @@
-"""observe.retention: old recordings of ours go, and nothing else does."""
+"""observe.keeping.retention: old recordings of ours go, and nothing else does."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from hilbridge.observe.keeping.retention import remove_old
 from hilbridge.observe.recording import Recording
-from hilbridge.observe.retention import remove_old
 from hilbridge.rows import EventRow
 
 DAY_S = 86_400.0

@@ -1,4 +1,4 @@
-"""observe.pictures: what is stored is the picture, smaller where asked; whoever offers one never waits."""
+"""observe.keeping.pictures: what is stored is the picture, smaller where asked; whoever offers one never waits."""
 
 from __future__ import annotations
 
@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from hilbridge.observe.pictures import PictureFormat, Pictures, camera_frame, image_row
+from hilbridge.features.scene import scene_features
+from hilbridge.observe.keeping.pictures import PictureFormat, Pictures, camera_frame, image_row, scene_frame, scene_row
 from hilbridge.records import CameraFrame
 from hilbridge.rows import ImageRow, SceneRow
 
@@ -79,3 +80,17 @@ def test_one_that_cannot_be_stored_is_counted_and_the_next_is_stored() -> None:
     pictures.close()
     assert [(type(row), row.sequence) for row in kept] == [(SceneRow, 1), (ImageRow, 1)]
     assert pictures.failed == 1
+
+
+def test_the_scene_of_a_picture_has_its_scene_features() -> None:
+    frame = CameraFrame(7, np.random.default_rng(1).integers(0, 256, (480, 640, 3), np.uint8), 3)
+    again = scene_frame(scene_row(frame, 9))
+    assert again.captured_ns == 7
+    for gaze in (None, (0.3, 0.7), (1.4, -0.2)):
+        for one, other in zip(scene_features(frame.pixels, gaze), scene_features(again.pixels, gaze), strict=True):
+            assert one.tobytes() == other.tobytes()
+
+
+def test_a_scene_that_is_not_its_size_is_refused() -> None:
+    with pytest.raises(ValueError, match="scene 3: 5 bytes for 2 x 1 pixels"):
+        scene_frame(SceneRow(1, 1, 3, 2, 1, b"12345"))
