@@ -11,6 +11,7 @@ from hilbridge.labels.table import Label, delimiter_of, in_order, label_of, numb
 
 _AGGREGATED = {"Behavior", "Start (s)", "Stop (s)"}
 _TABULAR = {"Behavior", "Time"}
+_MOST_HEADER = 10_000  # characters
 _STATUS = ("Behavior type", "Status")  # of version 8 and of those before
 
 
@@ -38,6 +39,8 @@ def read_boris(path: Path, offset_ms: float) -> list[Label]:
 
 def _header(text: str) -> int | None:
     for place, line in enumerate(text.splitlines()[:60]):
+        if len(line) > _MOST_HEADER:
+            continue
         names = set(next(csv.reader([line], delimiter=delimiter_of(line)), []))
         if names >= _AGGREGATED or (names >= _TABULAR and names & set(_STATUS)):
             return place

@@ -90,11 +90,11 @@ def read_csv(path: Path) -> list[Label]:
     """Raises InputError naming file and line."""
     text = read_text(path)
     lines = csv.DictReader(io.StringIO(text), delimiter=delimiter_of(text))
-    absent = [column for column in COLUMNS[:3] if column not in (lines.fieldnames or ())]
-    if absent:
-        raise InputError(f"{path}: no column {absent[0]}; a label file begins with {','.join(COLUMNS)}")
     labels = []
     try:
+        absent = [column for column in COLUMNS[:3] if column not in (lines.fieldnames or ())]
+        if absent:
+            raise InputError(f"{path}: no column {absent[0]}; a label file begins with {','.join(COLUMNS)}")
         for row in lines:
             where = f"{path}:{lines.line_num}"
             start_ms, end_ms = (number(row[column], where) for column in COLUMNS[:2])

@@ -65,7 +65,17 @@ def test_verbs_in_any_case_and_none():
     assert verb_named("None", "x") == "none"
 
 
-@pytest.mark.parametrize("content", [b"", b"\xff\xfe\x00", b"a,b\n1,2\n", b"start_ms,end_ms,verb\n" + b"\x00" * 50])
+@pytest.mark.parametrize(
+    "content",
+    [
+        b"",
+        b"\xff\xfe\x00",
+        b"a,b\n1,2\n",
+        b"start_ms,end_ms,verb\n" + b"\x00" * 50,
+        b"x" * 200_000,
+        b'start_ms,end_ms,verb\n"' + b"x" * 200_000,
+    ],
+)
 def test_what_is_no_label_file_is_one_line(tmp_path, content):
     path = tmp_path / "x.csv"
     path.write_bytes(content)

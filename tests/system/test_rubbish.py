@@ -23,6 +23,7 @@ from hilbridge.wire.dbc import default_dbc_path
 from scenarios import cli as scenario_cli
 from scenarios.format.files import load_scenario
 from scenarios.lockstep.run import run_scenario
+from tests.labels.made import recording as labelled_recording
 from tests.scenarios.made import CATALOG
 
 RUBBISH: dict[str, Callable[[Path], object]] = {
@@ -47,6 +48,7 @@ RUBBISH: dict[str, Callable[[Path], object]] = {
     "cut magic": lambda path: path.write_bytes(b"\x89MCAP0\r\n\x01\xff\xff\xff\xff\xff\xff\xff\x7f"),
     "huge length": lambda path: path.write_bytes(b"\xff" * 8 + b"{}" * 20),
 }
+LOGS = ("blf", "asc", "mf4", "log", "trc", "csv", "parquet")
 COMMANDS: dict[str, tuple[typer.Typer, tuple[str, ...]]] = {
     "report": (cli.app, ("report", "{}")),
     "recover": (cli.app, ("recover", "{}")),
@@ -61,6 +63,15 @@ COMMANDS: dict[str, tuple[typer.Typer, tuple[str, ...]]] = {
     "certify": (cli.app, ("certify", "--people", "2", "--bundle", "{}")),
     "data describe": (cli.app, ("data", "describe", "{}")),
     "data pack": (cli.app, ("data", "pack", "{}")),
+    "label": (cli.app, ("label", "{}", "--export", "{}.csv")),
+    "label import": (cli.app, ("label", "{good}", "--import", "{}")),
+    "label eaf": (cli.app, ("label", "{good}", "--import", "{}.eaf")),
+    "forget": (cli.app, ("forget", "P-07", "{}")),
+    "export": (cli.app, ("export", "{}", "--to", "asc", "--out", "{}.asc")),
+    "export to": (cli.app, ("export", "{good}", "--to", "{}")),
+    "import": (cli.app, ("import", "{}", "{}.mcap")),
+    **{f"import {kind}": (cli.app, ("import", f"{{}}.{kind}", "{}.mcap")) for kind in LOGS},
+    "play": (cli.app, ("play", "{}", "--bus", "hilsim:rub")),
     "demo": (cli.app, ("demo", "--seconds", "3", "--out", "{}")),
     "demo bus": (cli.app, ("demo", "--seconds", "3", "--bus", "{}")),
     "bench": (cli.app, ("bench", "{}")),
@@ -82,7 +93,9 @@ COMMANDS: dict[str, tuple[typer.Typer, tuple[str, ...]]] = {
     "scenario schema": (scenario_cli.app, ("schema", "{}")),
 }
 # What a command rightly takes: a folder, or a name that is free.
-TAKES = dict.fromkeys(("demo", "train", "dbc", "scenario out", "scenario compile"), ("absent", "folder"))
+TAKES = {"forget": ("folder",)} | dict.fromkeys(
+    ("demo", "train", "dbc", "scenario out", "scenario compile"), ("absent", "folder")
+)
 WORDS: list[tuple[typer.Typer, tuple[str, ...]]] = [
     (cli.app, ("nonsense",)),
     (cli.app, ("demo", "--seconds", "nan")),
@@ -135,12 +148,17 @@ def elsewhere(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 @pytest.mark.parametrize("command", COMMANDS)
 def test_rubbish_is_one_line(command: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     app, words = COMMANDS[command]
+    good = labelled_recording(tmp_path / "good.mcap") if any("{good}" in word for word in words) else tmp_path
     for kind, make in RUBBISH.items():
         path = tmp_path / f"{kind.replace(' ', '-')}.yaml"
         make(path)
+        for word in words:
+            if word.startswith("{}.") and word != "{}.out":  # the same rubbish under a name that says what it should be
+                make(Path(word.replace("{}", str(path))))
         if kind in TAKES.get(command, ()):
             continue
-        one_line(app, tuple(word.replace("{}", str(path)) for word in words), capfd)
+        filled = (word.replace("{}", str(path)).replace("{good}", str(good)) for word in words)
+        one_line(app, tuple(filled), capfd)
 
 
 def test_the_doctor_calls_rubbish_ill(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
