@@ -230,7 +230,10 @@ class BusServer:
         """The present on the bus: the clock's, unless the bus cannot keep up with it."""
         if now_ns < self._overloaded_until_ns:
             due_ns = max(self._reached_ns, self.medium.due_ns)  # an idle bus is late for nothing
-            self._traffic.slip_ns = max(self._traffic.slip_ns, now_ns - due_ns - _OVERLOAD_STEP_NS)
+            slip_ns = now_ns - due_ns - _OVERLOAD_STEP_NS
+            if slip_ns > self._traffic.slip_ns:
+                self._traffic.slip_ns = slip_ns
+                self.medium.hasten(now_ns - slip_ns)
         return now_ns - self._traffic.slip_ns
 
     def _catch_up(self, now_ns: int) -> None:

@@ -231,3 +231,16 @@ def test_base_frames_win_over_extended_ones_with_the_same_leading_bits() -> None
     base, extended = WireFrame(0x123), WireFrame(0x123 << 18, is_extended=True)
     remote = WireFrame(0x123, is_remote=True)
     assert arbitration_key(base) < arbitration_key(remote) < arbitration_key(extended)
+
+
+def test_a_clock_that_was_set_back_does_not_keep_frames_waiting() -> None:
+    medium = Medium()
+    sender, _ = medium.attach("sender"), medium.attach("receiver")
+    for tag, ready_ns in enumerate((0, 50_000_000, 60_000_000)):
+        medium.send(sender, WireFrame(0x100 + tag), tag, ready_ns)
+    medium.advance(1_000)
+    medium.hasten(2_000_000)
+    events = delivered(medium.advance(3_000_000))
+    assert [event.tag for event in events] == [0, 1, 2]
+    assert 2_000_000 < events[1].at_ns < events[2].at_ns
+    assert medium.queued(sender) == 0

@@ -21,6 +21,7 @@ PING, PONG = (
 )  # more urgent than anything that attackers send
 _PAUSE_S = 0.005
 _PATIENCE_S = 5.0
+_READS = 64
 
 
 def take(pair: tuple[BusClient, BusClient], reader: BusClient, wanted: WireFrame) -> bool:
@@ -28,7 +29,10 @@ def take(pair: tuple[BusClient, BusClient], reader: BusClient, wanted: WireFrame
     until_s = time.monotonic() + _PATIENCE_S
     while (left_s := until_s - time.monotonic()) > 0:
         for client in select.select(pair, [], [], left_s)[0]:
-            while (arrival := client.receive()) is not None:  # all that waits: a bus under attack is a full one
+            for _ in range(_READS):  # a bus under attack is a full one
+                arrival = client.receive()
+                if arrival is None:
+                    break
                 if client is reader and arrival.frame == wanted:
                     return True
     return False

@@ -40,7 +40,8 @@ class Attacked:
 
     def __init__(self) -> None:
         self.name = f"attacked-{uuid.uuid4()}"
-        command = [sys.executable, "-m", "hilbridge.bus.simulated.server", self.name, "--bitrate", "1000000"]
+        command = [sys.executable, "-m", "hilbridge.bus.simulated.server", self.name]
+        command += ["--bitrate", "1000000", "--linger", "60"]  # honest clients come and go
         self.server = subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
         assert self.server.stdout is not None
         self.server.stdout.readline()
