@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import difflib
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 
 
@@ -23,3 +24,15 @@ def needs_extra(extra: str) -> Iterator[None]:
         if package in ("", "hilbridge", "scenarios"):
             raise
         raise InputError(f"{package} is not installed; add it with `pip install 'hilbridge[{extra}]'`") from None
+
+
+def nearest(name: str, known: Iterable[str]) -> str:
+    """`did you mean X?`, or what there is: the end of a sentence that refuses a name."""
+    by_plain = {_plain(one): one for one in known}
+    near = difflib.get_close_matches(_plain(name), by_plain, n=1)
+    return f"did you mean `{by_plain[near[0]]}`?" if near else f"known: {', '.join(sorted(by_plain.values()))}"
+
+
+def _plain(name: str) -> str:
+    """Without what is often written otherwise: case and underscores."""
+    return name.lower().replace("_", "")

@@ -140,7 +140,7 @@ async def run_bridge(
             if options.clear_latch:
                 live.request_clear_latch()
             use_realtime_scheduling()
-            with marking(options.marks, recording.write, watcher.notice):
+            async with marking(options.marks, recording.write, watcher.notice):
                 await live.run(options.seconds)
             watcher.over("over, writing the report")
             counts = {**live.counters(), **options.finish(live)}

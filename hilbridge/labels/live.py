@@ -8,9 +8,9 @@ import os
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import AsyncIterator, Callable, Iterator, Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 from hilbridge.errors import InputError, needs_extra
 from hilbridge.labels.marks import Marks
@@ -28,9 +28,11 @@ class MarkOptions:
     lsl: str | None = None
 
 
-@contextlib.contextmanager
-def marking(options: MarkOptions, record: Callable[[Row], None], notice: Callable[[str], None]) -> Iterator[None]:
-    """Write a label for every span that is marked inside, from a running event loop. Raises InputError."""
+@contextlib.asynccontextmanager
+async def marking(
+    options: MarkOptions, record: Callable[[Row], None], notice: Callable[[str], None]
+) -> AsyncIterator[None]:
+    """Write a label for every span that is marked inside. Raises InputError."""
     with contextlib.ExitStack() as stack:
         if options.keys:
             marks = Marks("key")
@@ -40,7 +42,8 @@ def marking(options: MarkOptions, record: Callable[[Row], None], notice: Callabl
         if options.lsl is not None:
             streamed = Marks(f"lsl:{options.lsl}")
             stack.callback(_finish, streamed, record)
-            stack.enter_context(_lsl_markers(options.lsl, _taking(streamed, record, notice)))
+            stream = await asyncio.to_thread(_connected, options.lsl)  # seconds: the loop has a bus to read
+            stack.enter_context(_lsl_markers(stream, _taking(streamed, record, notice)))
         yield
 
 
@@ -91,9 +94,17 @@ def _terminal_keys(on_key: Callable[[str], None], keys: Mapping[str, str]) -> It
         termios.tcsetattr(descriptor, termios.TCSADRAIN, before)
 
 
-@contextlib.contextmanager
-def _lsl_markers(name: str, take: Callable[[str, int], None]) -> Iterator[None]:
-    """Samples of a marker stream. Its stamps are carried to this computer's clock by LSL's own time correction."""
+class _Stream(NamedTuple):
+    """An LSL inlet, its first time correction, how far this computer's LSL clock is from the monotonic one, its errors."""
+
+    inlet: Any
+    correction_s: float
+    monotonic_minus_lsl_s: float
+    lost: tuple[type[Exception], ...]
+
+
+def _connected(name: str) -> _Stream:
+    """The marker stream of that name. Waits for it. Raises InputError."""
     with needs_extra("lsl"):
         import pylsl
         from pylsl.util import LostError
@@ -107,21 +118,27 @@ def _lsl_markers(name: str, take: Callable[[str, int], None]) -> Iterator[None]:
         correction_s = inlet.time_correction(_LSL_WAIT_S)  # takes a moment the first time, is known at once later
     except (LostError, LslTimeoutError):
         raise InputError(f"--mark-lsl {name}: the stream does not answer; is a firewall in its way?") from None
-    lsl_minus_monotonic_s = pylsl.local_clock() - time.monotonic()
+    return _Stream(inlet, correction_s, time.monotonic() - pylsl.local_clock(), (LostError, LslTimeoutError))
+
+
+@contextlib.contextmanager
+def _lsl_markers(stream: _Stream, take: Callable[[str, int], None]) -> Iterator[None]:
+    """Samples of a marker stream, at the monotonic time at which they were sent."""
+    inlet, lost = stream.inlet, stream.lost
     loop, ended = asyncio.get_running_loop(), threading.Event()
 
     def pull() -> None:
-        newest_s = correction_s
+        correction_s = stream.correction_s
         while not ended.is_set():
             try:
                 sample, stamp_s = inlet.pull_sample(_LSL_PULL_S)
-            except (LostError, LslTimeoutError):
+            except lost:
                 ended.wait(_LSL_PULL_S)
                 continue
             if sample:
-                with contextlib.suppress(LostError, LslTimeoutError):  # the last known one serves meanwhile
-                    newest_s = inlet.time_correction(_LSL_PULL_S)
-                at_ns = round((stamp_s + newest_s - lsl_minus_monotonic_s) * 1e9)
+                with contextlib.suppress(*lost):  # the last known one serves meanwhile
+                    correction_s = inlet.time_correction(_LSL_PULL_S)
+                at_ns = round((stamp_s + correction_s + stream.monotonic_minus_lsl_s) * 1e9)
                 with contextlib.suppress(RuntimeError):  # the loop is closed
                     loop.call_soon_threadsafe(take, str(sample[0]), at_ns)
 

@@ -7,7 +7,6 @@ nobody labelled says nothing at all. The CSV has the columns start_ms, end_ms, v
 from __future__ import annotations
 
 import csv
-import difflib
 import io
 import itertools
 import math
@@ -15,7 +14,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from hilbridge.errors import InputError
+from hilbridge.errors import InputError, nearest
 from hilbridge.rows import LabelRow
 from hilbridge.verbs import VERBS
 
@@ -44,9 +43,7 @@ def verb_named(text: str, where: str) -> str:
     known = _BY_FOLDED.get(folded)
     if known is not None:
         return known
-    near = difflib.get_close_matches(folded, _BY_FOLDED, 1)
-    cure = f"did you mean {_BY_FOLDED[near[0]]!r}?" if near else f"there are {', '.join(VOCABULARY)}"
-    raise InputError(f"{where}: {text[:60]!r} is no verb; {cure}")
+    raise InputError(f"{where}: {text[:60]!r} is no verb; {nearest(folded, VOCABULARY)}")
 
 
 def label_of(start_ms: float, end_ms: float, verb: str, source: str, where: str) -> Label:

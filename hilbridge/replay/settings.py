@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -12,7 +11,7 @@ from pydantic import ValidationError
 
 from hilbridge.config import GateSection
 from hilbridge.core.gate import GateConfig
-from hilbridge.errors import InputError
+from hilbridge.errors import InputError, nearest
 from hilbridge.features.packs import file_hash
 from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
 from hilbridge.limits import MS
@@ -75,12 +74,7 @@ def _laid_over(what_if: Sequence[str]) -> dict[str, Any]:
         key, sign, value = text.partition("=")
         section, _, name = key.strip().partition(".")
         if not sign or section != "gate" or name not in _NAMES:
-            near = difflib.get_close_matches(name or section, _NAMES, n=1)
-            hint = (
-                f"did you mean gate.{near[0]}=...?"
-                if near
-                else f"there are {', '.join('gate.' + one for one in _NAMES)}"
-            )
+            hint = nearest(f"gate.{name or section}", [f"gate.{one}" for one in _NAMES])
             raise InputError(f"--what-if {text}: no such setting; {hint}")
         given[name] = _number(text, value)
     try:

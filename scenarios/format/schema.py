@@ -5,12 +5,12 @@ Unknown keys are refused with file and line, and every error offers the nearest 
 
 from __future__ import annotations
 
-import difflib
 from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from hilbridge.errors import nearest
 from hilbridge.verbs import VERBS
 from scenarios.format.durations import Duration
 from scenarios.format.vocabulary import SENSORS, checked_options, fault_kind
@@ -72,8 +72,7 @@ class Estimate(_Part):
     @classmethod
     def _known(cls, verb: str) -> str:
         if verb not in VERBS:
-            near = difflib.get_close_matches(verb, VERBS, n=1)
-            raise ValueError(f"unknown verb `{verb}`; " + (f"did you mean `{near[0]}`?" if near else f"known: {VERBS}"))
+            raise ValueError(f"unknown verb `{verb}`; {nearest(verb, VERBS)}")
         return verb
 
 
@@ -191,9 +190,7 @@ class Expectation(_Part):
                 raise ValueError("`at_least` and `at_most` go with `figure`")
         else:
             if self.figure not in FIGURES:
-                near = difflib.get_close_matches(str(self.figure), FIGURES, n=1)
-                hint = f"did you mean `{near[0]}`?" if near else f"known: {', '.join(FIGURES)}"
-                raise ValueError(f"unknown figure `{self.figure}`; {hint}")
+                raise ValueError(f"unknown figure `{self.figure}`; {nearest(str(self.figure), FIGURES)}")
             if self.at_least is None and self.at_most is None:
                 raise ValueError("a figure needs `at_least`, `at_most` or both")
         return self

@@ -12,7 +12,8 @@ from collections.abc import Iterator
 
 import lark
 
-from scenarios.signals.domains import Domain, Domains, Numbers, Truths, Words, nearest
+from hilbridge.errors import nearest
+from scenarios.signals.domains import Domain, Domains, Numbers, Truths, Words
 from scenarios.signals.stl import FormulaError, Node, is_signal, parse, unquoted
 
 _TEMPORAL = ("always", "eventually", "historically", "once", "until", "rise", "fall")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
@@ -88,15 +87,3 @@ OF_THE_MIND = frozenset({"gate.right", "wearer.intended"})
 def domains_of(faults: Iterable[str]) -> dict[str, Domain]:
     """Every signal of a scenario that injects these faults."""
     return {**_ALWAYS_THERE, **{f"fault.{fault}": Truths() for fault in faults}, "fault.any": Truths()}
-
-
-def nearest(name: str, known: Iterable[str]) -> str:
-    """`did you mean X?`, or what there is: the end of a sentence that refuses a name."""
-    by_plain = {_plain(one): one for one in known}
-    near = difflib.get_close_matches(_plain(name), by_plain, n=1)
-    return f"did you mean `{by_plain[near[0]]}`?" if near else f"known: {', '.join(sorted(by_plain.values()))}"
-
-
-def _plain(name: str) -> str:
-    """Without what is often written otherwise: case and underscores."""
-    return name.lower().replace("_", "")

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
+
+from hilbridge.errors import nearest
 
 
 class UnknownSignal(ValueError):
@@ -30,9 +31,7 @@ class Trace:
         try:
             return self.values[name]
         except KeyError:
-            near = difflib.get_close_matches(name, self.values, n=1)
-            hint = f"did you mean `{near[0]}`?" if near else f"known: {', '.join(sorted(self.values))}"
-            raise UnknownSignal(f"no signal `{name}`; {hint}") from None
+            raise UnknownSignal(f"no signal `{name}`; {nearest(name, self.values)}") from None
 
 
 def sample_and_hold(

@@ -86,7 +86,7 @@ def test_boris_tables(tmp_path, text):
     [
         (TABULAR_8.replace("Pour,START", "Pour,POINT"), "only pairs of START and STOP"),
         (TABULAR_8.rsplit("\n", 2)[0] + "\n", "never stops"),
-        (TABULAR_8.replace("Pour", "Puor"), "did you mean 'Pour'"),
+        (TABULAR_8.replace("Pour", "Puor"), "did you mean `Pour`"),
         (AGGREGATED.replace("1.25,2.5,", "1.25,2000,"), "is it of another recording"),
         (AGGREGATED.replace("1.25,2.5,", "x,2.5,"), "no number"),
     ],
@@ -118,7 +118,7 @@ def test_elan_files_that_cannot_be_meant(tmp_path):
         ("two.eaf", "up", "there are"),
         ("bomb.eaf", None, "entities"),
         ("no.eaf", None, "not an ELAN file"),
-        ("wrong.eaf", None, "did you mean 'Pour'"),
+        ("wrong.eaf", None, "did you mean `Pour`"),
         ("absent.eaf", None, "No such file"),
     ):
         with pytest.raises(InputError, match=r"\.eaf") as caught:

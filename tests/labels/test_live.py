@@ -26,7 +26,7 @@ async def test_an_lsl_marker_stream_marks(monkeypatch):
     outlet = pylsl.StreamOutlet(pylsl.StreamInfo(name, "Markers", 1, 0, "string", name))
     rows: list[Row] = []
     notices: list[str] = []
-    with marking(MarkOptions(lsl=name), rows.append, notices.append):
+    async with marking(MarkOptions(lsl=name), rows.append, notices.append):
         await asyncio.to_thread(outlet.wait_for_consumers, 30)
         begin_s = pylsl.local_clock()
         for after_s, word in ((0.0, "Pour"), (0.25, "Fly"), (0.5, "stop")):
@@ -42,14 +42,14 @@ async def test_an_lsl_marker_stream_marks(monkeypatch):
 async def test_a_stream_that_is_not_there_is_one_line(monkeypatch):
     pytest.importorskip("pylsl")
     monkeypatch.setattr(live, "_LSL_WAIT_S", 0.2)
-    with pytest.raises(InputError, match="no such stream"), marking(MarkOptions(lsl="nobody"), print, print):
-        pass
+    with pytest.raises(InputError, match="no such stream"):
+        await marking(MarkOptions(lsl="nobody"), print, print).__aenter__()
 
 
 async def test_keys_need_a_terminal(monkeypatch):
     monkeypatch.setattr(sys, "stdin", io.StringIO())
-    with pytest.raises(InputError, match="no terminal"), marking(MarkOptions({"p": "Pour"}), print, print):
-        pass
+    with pytest.raises(InputError, match="no terminal"):
+        await marking(MarkOptions({"p": "Pour"}), print, print).__aenter__()
 
 
 async def test_keys_of_a_terminal_mark_and_it_is_left_as_it_was(monkeypatch):
@@ -61,7 +61,7 @@ async def test_keys_of_a_terminal_mark_and_it_is_left_as_it_was(monkeypatch):
     with os.fdopen(theirs) as terminal:
         monkeypatch.setattr(sys, "stdin", terminal)
         monkeypatch.setattr(os, "tcgetpgrp", lambda descriptor: os.getpgrp())
-        with marking(MarkOptions({"p": "Pour", "c": "Cut"}), rows.append, lambda text: None):
+        async with marking(MarkOptions({"p": "Pour", "c": "Cut"}), rows.append, lambda text: None):
             os.write(ours, b"pzc")
             await asyncio.wait_for(until(rows, 1), 60)
             os.write(ours, b"c")

@@ -33,7 +33,7 @@ def test_the_end_of_a_run_ends_it_and_nothing_has_no_length():
 def test_a_word_that_is_no_verb_leaves_the_mark_as_it_was():
     marks = Marks("lsl:x")
     marks.mark("Pour", 10)
-    with pytest.raises(InputError, match="did you mean 'Put'"):
+    with pytest.raises(InputError, match="did you mean `Put`"):
         marks.mark("Putt", 15)
     assert marks.mark("stop", 20) == LabelRow(10, 20, "Pour", "lsl:x")
 

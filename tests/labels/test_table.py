@@ -29,8 +29,8 @@ def test_a_row_is_its_label(labels, begin_ns):
 @pytest.mark.parametrize(
     ("line", "said"),
     [
-        ("0,10,Puor,me", "did you mean 'Pour'"),
-        ("0,10,Fly,me", "there are Take"),
+        ("0,10,Puor,me", "did you mean `Pour`"),
+        ("0,10,Fly,me", "known: "),
         ("10,10,Pour,me", "not after its start"),
         ("-5,10,Pour,me", "--offset-ms"),
         ("nan,10,Pour,me", "no times of a recording"),

@@ -181,8 +181,8 @@ def test_a_recording_without_its_settings_is_one_line(troubled: Path, tmp_path: 
 @pytest.mark.parametrize(
     ("what_if", "said"),
     [
-        ("gate.tau_onn=0.5", r"did you mean gate\.tau_on"),
-        ("tau_on=0.5", r"did you mean gate\.tau_on|there are gate"),
+        ("gate.tau_onn=0.5", r"did you mean `gate\.tau_on`"),
+        ("tau_on=0.5", r"did you mean `gate\.tau_on`|known: gate"),
         ("gate.tau_on=half", "`half` is no number"),
         ("gate.tau_on=0.1", "must be at least 0 and below tau_on"),
         ("gate.max_age_ms=900", r"gate\.max_age_ms: .*150"),

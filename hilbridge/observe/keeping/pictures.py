@@ -124,6 +124,6 @@ class Pictures:
                     frame = CameraFrame(frame.captured_ns, self._blur.apply(frame.rgb), frame.sequence, frame.stamp)
                 self._record(image_row(frame, self._form, now_ns))
                 self.stored += 1
-            except (cv2.error, ValueError):
+            except Exception:  # whatever a codec or a detector raises: a thread that ended would never let the run end
                 self.failed += 1
             self.cpu_s = time.thread_time()

@@ -94,3 +94,13 @@ def test_the_scene_of_a_picture_has_its_scene_features() -> None:
 def test_a_scene_that_is_not_its_size_is_refused() -> None:
     with pytest.raises(ValueError, match="scene 3: 5 bytes for 2 x 1 pixels"):
         scene_frame(SceneRow(1, 1, 3, 2, 1, b"12345"))
+
+
+def test_whatever_a_detector_raises_costs_its_picture_and_not_the_end_of_the_run() -> None:
+    kept: list[ImageRow | SceneRow] = []
+    pictures = Pictures(PictureFormat(), kept.append)
+    for number in range(20):  # more than may wait
+        pictures.offer(CameraFrame(number, None, number), 1)  # type: ignore[arg-type]
+    pictures.close()
+    assert kept == []
+    assert pictures.failed + pictures.dropped == 20
