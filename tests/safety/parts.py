@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 import time
 
-from tests.safety import campaign, checking, harm, mutation
+from tests.safety import campaign, checking, harm, mutation, twin
 from tests.safety.processes import hung
 from tests.safety.server import run as server
 from tests.safety.table import Row, Scale
@@ -19,6 +19,7 @@ PARTS = {
     "replay": replay.run,
     "forgery": forgery.run,
     "model": checking.run,
+    "twin": twin.run,
     "harm": harm.run,
     "fuzz": fuzz.run,
     "branches": branches,
@@ -35,6 +36,7 @@ LONGEST_FIRST = (
     "mutation",
     "harm",
     "model",
+    "twin",
     "defects",
     "fuzz",
     "replay",
