@@ -51,4 +51,4 @@ def step_of(state: ControllerState) -> Step:
 
 
 if __name__ == "__main__":
-    print(binding.why_not() or "built from these sources")  # noqa: T201
+    print(binding.why_not() or "built")  # noqa: T201

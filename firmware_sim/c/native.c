@@ -103,6 +103,21 @@ static PyObject *get_trips(PyObject *self, void *u) {
     return made;
 }
 
+static PyObject *get_key(PyObject *self, void *u) {
+    (void)u;
+    const ctl_state *s = &((Controller *)self)->state;
+    return PyBytes_FromStringAndSize((const char *)s->key, s->armed ? CTL_KEY_LENGTH : 0);
+}
+
+static PyObject *machine(PyObject *self, PyObject *slot) {
+    long which = PyLong_AsLong(slot);
+    if (which < 0 || which >= CTL_RECEIVED_COUNT) {
+        PyErr_SetString(PyExc_IndexError, "no such message");
+        return NULL;
+    }
+    return PyLong_FromLong(((Controller *)self)->state.receivers[which].machine);
+}
+
 static PyObject *made_outbox(const ctl_state *s) {
     PyObject *made = PyTuple_New(s->outbox_count);
     for (Py_ssize_t at = 0; made != NULL && at < s->outbox_count; at++) {
@@ -129,6 +144,7 @@ static PyGetSetDef controller_fields[] = {
     {"torque", get_torque, NULL, NULL, NULL},
     {"counters", get_counters, NULL, NULL, NULL},
     {"trips", get_trips, NULL, NULL, NULL},
+    {"key", get_key, NULL, NULL, NULL},
     {"outbox", get_outbox, NULL, NULL, NULL},
 #define X(name) {#name, get_##name, NULL, NULL, NULL},
     FLAT_PLAIN(X)
@@ -295,6 +311,7 @@ static PyMethodDef controller_methods[] = {
     {"dump", dump, METH_NOARGS, "The whole state as whole numbers; the order is that of flat.py."},
     {"load", load, METH_O, "Become the state that `dump` gave."},
     {"differs", differs, METH_O, "Where a dump differs from this state; -1: nowhere."},
+    {"machine", machine, METH_O, "State of the E2E machine of a received message, by its place in RECEIVED_IDS."},
     {"__copy__", copied, METH_NOARGS, "The same moment, to go on from in another way."},
     {NULL, NULL, 0, NULL}};
 

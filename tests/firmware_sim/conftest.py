@@ -11,7 +11,6 @@ import pytest
 
 from firmware_sim import controllers
 from firmware_sim.c import binding
-from tests.safety import hand, stepping
 
 _STEPPING = {"Hand", "Rig", "make", "Device", "Node"}
 
@@ -30,8 +29,6 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
 @pytest.fixture
 def controller(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """Which controller steps in this test; states are the reference's in both."""
-    assert hand.step is stepping.step
     if request.param == "c":
-        monkeypatch.setattr(stepping, "advance", binding.advance_in_c)
         monkeypatch.setattr(controllers, "advance", binding.advance_in_c)
     return str(request.param)

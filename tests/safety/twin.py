@@ -192,7 +192,7 @@ class Twin(Hand):
 
     def _authorised(self, command: Received) -> Received:
         if self.rng.random() < self.wild:
-            freshness = self.rng.choice((2**32 - 1, self.freshness, self.freshness + 300))
+            freshness = min(2**32 - 1, self.rng.choice((2**32 - 1, self.freshness, self.freshness + 300)))
             return self.auth(command, freshness=freshness, key=self.rng.choice((None, bytes(16))))
         self.freshness = min(self.freshness, 2**32 - 2)
         return self.auth(command)
