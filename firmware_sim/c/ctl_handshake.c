@@ -37,7 +37,7 @@ void ctl_arm_request(ctl_state *state, const uint32_t *values, uint32_t random_u
         .device_nonce = random_u32,
         .sent_ms = now_ms,
     };
-    const int64_t sent[] = {random_u32, state->last_session};
+    const int64_t sent[CTL_MOST_FIELDS] = {random_u32, state->last_session};
     (void)ctl_send(state, CTL_SLOT_ARM_CHALLENGE, sent);
 }
 

@@ -51,9 +51,9 @@ static int64_t work_left(const ctl_torque *torque) {
 
 /* Count what this tick gives to the arm, each part by itself. */
 static void spend(ctl_torque *torque, int64_t velocity_mdeg_s) {
-    int64_t guide = torque->guide_unm * velocity_mdeg_s;
-    int64_t gravity = torque->gravity_unm * velocity_mdeg_s;
-    torque->work += (ctl_max(0, guide) >> 20) + (ctl_max(0, gravity) >> 20);
+    int64_t guiding_power = torque->guide_unm * velocity_mdeg_s;
+    int64_t carrying_power = torque->gravity_unm * velocity_mdeg_s;
+    torque->work += (ctl_max(0, guiding_power) >> 20) + (ctl_max(0, carrying_power) >> 20);
 }
 
 /* Counts how long the voluntary velocity has kept one direction above the onset speed. */

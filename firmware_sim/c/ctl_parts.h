@@ -17,7 +17,7 @@ uint16_t ctl_crc16(const uint8_t *data, size_t length, uint16_t start);
 uint8_t ctl_e2e_check(uint32_t slot, const uint8_t data[CTL_FRAME_LENGTH], ctl_receiver *receiver);
 void ctl_e2e_overdue(ctl_receiver *receiver);
 uint8_t ctl_unpack(uint32_t slot, const uint8_t data[CTL_FRAME_LENGTH], uint32_t values[CTL_MOST_FIELDS]);
-uint8_t ctl_send(ctl_state *state, uint32_t slot, const int64_t *values);
+uint8_t ctl_send(ctl_state *state, uint32_t slot, const int64_t values[CTL_MOST_FIELDS]);
 void ctl_emergency(ctl_state *state, uint8_t reason);
 void ctl_send_cyclic(ctl_state *state, const ctl_inputs *inputs, bool changed);
 void ctl_count(ctl_state *state, uint32_t index, uint64_t amount);

@@ -126,7 +126,7 @@ void ctl_count(ctl_state *state, uint32_t index, uint64_t amount) {
 }
 
 /* Put a protected frame into the outbox; what does not fit is dropped and counted. Its E2E counter. */
-uint8_t ctl_send(ctl_state *state, uint32_t slot, const int64_t *values) {
+uint8_t ctl_send(ctl_state *state, uint32_t slot, const int64_t values[CTL_MOST_FIELDS]) {
     const ctl_message *message = &ctl_own[slot];
     uint8_t counter = ++state->tx_counters[slot];
     if (state->outbox_count == CTL_OUTBOX_SLOTS) {
@@ -152,14 +152,14 @@ uint8_t ctl_send(ctl_state *state, uint32_t slot, const int64_t *values) {
 void ctl_emergency(ctl_state *state, uint8_t reason) {
     bool latched = state->state == CTL_STATE_LATCHED || state->state == CTL_STATE_ESTOP;
     state->emergencies++;
-    const int64_t values[] = {reason, state->state, latched, state->emergencies & 0xFFU};
+    const int64_t values[CTL_MOST_FIELDS] = {reason, state->state, latched, state->emergencies & 0xFFU};
     (void)ctl_send(state, CTL_SLOT_CTRL_EMCY, values);
 }
 
 /* The bridge has to echo this frame's counter, so the time of sending is remembered. */
 static void send_status(ctl_state *state, int64_t now_ms) {
     bool assisting = state->state == CTL_STATE_ASSIST;
-    const int64_t values[] = {
+    const int64_t values[CTL_MOST_FIELDS] = {
         state->state,
         state->reason,
         assisting ? state->verb : CTL_VERB_NONE,
@@ -181,7 +181,7 @@ static void send_status(ctl_state *state, int64_t now_ms) {
 }
 
 static void send_measurement(ctl_state *state, const ctl_inputs *inputs) {
-    const int64_t values[] = {
+    const int64_t values[CTL_MOST_FIELDS] = {
         0,
         ctl_min(ctl_max(((int64_t)inputs->angle_mdeg + CTL_ANGLE_OFFSET_MDEG) / 250, 0), 1023),
         ctl_clamp((int64_t)inputs->velocity_mdeg_s / 2000, 511),
@@ -201,12 +201,12 @@ void ctl_send_cyclic(ctl_state *state, const ctl_inputs *inputs, bool changed) {
         state->meas_due_ms = now_ms + CTL_MEAS_CYCLE_MS;
     }
     if (now_ms >= state->heartbeat_due_ms) {
-        const int64_t values[] = {CTL_PROTOCOL_VERSION, state->boot_nonce};
+        const int64_t values[CTL_MOST_FIELDS] = {CTL_PROTOCOL_VERSION, state->boot_nonce};
         (void)ctl_send(state, CTL_SLOT_CTRL_HB, values);
         state->heartbeat_due_ms = now_ms + CTL_HEARTBEAT_CYCLE_MS;
     }
     if (now_ms >= state->diag_due_ms) {
-        const int64_t values[] = {state->diag_index, state->counters[state->diag_index]};
+        const int64_t values[CTL_MOST_FIELDS] = {state->diag_index, state->counters[state->diag_index]};
         (void)ctl_send(state, CTL_SLOT_CTRL_DIAG, values);
         state->diag_index = (uint8_t)((state->diag_index + 1) % CTL_COUNTERS);
         state->diag_due_ms = now_ms + CTL_DIAG_CYCLE_MS;

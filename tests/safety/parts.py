@@ -5,11 +5,11 @@ from __future__ import annotations
 import sys
 import time
 
-from tests.safety import campaign, checking, harm, mutation, twin
+from tests.safety import campaign, checking, harm, mutation
 from tests.safety.processes import hung
 from tests.safety.server import run as server
 from tests.safety.table import Row, Scale
-from tests.safety.tools import planted
+from tests.safety.tools import planted, twin
 from tests.safety.tools.branches import run as branches
 from tests.safety.wire import conformance, corruption, forgery, fuzz, replay
 

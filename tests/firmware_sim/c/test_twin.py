@@ -14,10 +14,10 @@ from firmware_sim.controller import advance
 from firmware_sim.memory import Command, ControllerState, Inputs, PendingAct, Received
 from firmware_sim.states import Reason, State
 from firmware_sim.watchdogs import Limits
-from tests.safety import twin
 from tests.safety.hand import BOOT_NONCE, KEY, Hand
 from tests.safety.stepping import copied
 from tests.safety.table import Scale, printed
+from tests.safety.tools import twin
 
 pytestmark = pytest.mark.skipif(not binding.available(), reason="the C controller is not built")
 
