@@ -59,9 +59,10 @@ def main() -> int:
     flash, ram = sizes(folder)
     own = frames(folder)
     stack = deepest(folder, own)
-    print(f"flash {flash} of {flash_limit} bytes, RAM {ram} + stack {stack} = {ram + stack} of {ram_limit} bytes")
+    told = f"flash {flash} of {flash_limit} bytes, RAM {ram} + stack {stack} = {ram + stack} of {ram_limit} bytes\n"
     worst = sorted(own.items(), key=lambda item: -item[1])[:3]
-    print("largest frames: " + ", ".join(f"{name} {size}" for name, size in worst))
+    told += "largest frames: " + ", ".join(f"{name} {size}" for name, size in worst) + "\n"
+    sys.stdout.write(told)
     return int(flash > flash_limit or ram + stack > ram_limit)
 
 
