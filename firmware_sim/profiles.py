@@ -9,8 +9,6 @@ from __future__ import annotations
 from enum import IntEnum
 from typing import NamedTuple
 
-from firmware_sim.frames import VERB_CODES
-
 
 class Guidance(IntEnum):
     """What pushes along with the wearer's own movement."""
@@ -48,7 +46,7 @@ _BY_CODE: dict[int, Profile] = {
     2: _REACH,  # Put
     3: _OPEN,  # Open
     4: _CUT,  # Cut
-    5: NONE,  # Move Around
+    # 5, Move Around, never
     6: _INSPECT,  # Inspect/Read
     7: _OPEN,  # Close
     8: _MIX,  # Wash
@@ -67,9 +65,7 @@ _BY_CODE: dict[int, Profile] = {
     21: _CUT,  # Crack
 }
 
-PROFILES: tuple[Profile, ...] = tuple(_BY_CODE.get(code, NONE) if code in VERB_CODES else NONE for code in range(32))
-
 
 def profile(verb_code: int) -> Profile:
     """Profile of a verb code; whatever is not listed is never assisted."""
-    return PROFILES[verb_code] if 0 <= verb_code < len(PROFILES) else NONE
+    return _BY_CODE.get(verb_code, NONE)

@@ -24,7 +24,7 @@ from mcap.stream_reader import CRCValidationError, get_chunk_data_stream
 
 from hilbridge.errors import InputError
 from hilbridge.observe.parts import recordings_in
-from hilbridge.rows import MetaRow, Row, decode
+from hilbridge.rows import MetaRow, Row, decode, is_topic
 
 _MAGIC = b"\x89MCAP0\r\n"
 # A chunk of ours holds a second or a mebibyte; others write 4 MiB or so.
@@ -104,6 +104,9 @@ class RecordingReader:
                         if row is not None:
                             yield row
                     elif isinstance(part, Channel):
+                        if not is_topic(part.topic):
+                            why = f"{part.topic}: no such topic"
+                            raise InputError(f"recording {path}: not written by hilbridge as it is now ({why})")
                         channels[part.id] = part
                         self._note_schema(part.topic, schemas.get(part.schema_id))
                     elif isinstance(part, Schema):

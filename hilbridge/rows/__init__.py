@@ -5,7 +5,7 @@ monotonic clock, in virtual time the scenario's. A value that was not known is N
 """
 
 from hilbridge.rows.bus import SIGNAL_TOPICS, CanRow, DeviceRow, SignalRow, received_row, sent_row
-from hilbridge.rows.code import TOPICS, FixedRow, Row, decode, encode, from_fields, json_schema, schema_name
+from hilbridge.rows.code import TOPICS, FixedRow, Row, decode, encode, from_fields, is_topic, json_schema, schema_name
 from hilbridge.rows.decisions import BeliefRow, GroundTruth, TickRow, belief_row, estimate_of, with_truth
 from hilbridge.rows.fields import Direction, Witness
 from hilbridge.rows.run import BundleRow, ConfigRow, CountersRow, EventRow, FaultRow, HostRow, LabelRow, MetaRow
@@ -73,6 +73,7 @@ __all__ = [
     "hand_tracks",
     "hands_row",
     "image_stamp",
+    "is_topic",
     "json_schema",
     "received_row",
     "schema_name",

@@ -83,6 +83,11 @@ def _signals(topic: str, time_ns: int, fields: Mapping[str, Any]) -> SignalRow:
     return SignalRow(time_ns, topic.removeprefix(SIGNAL_TOPICS), direction, values)
 
 
+def is_topic(topic: str) -> bool:
+    """Whether rows may stand there."""
+    return topic in TOPICS or topic.startswith(SIGNAL_TOPICS)
+
+
 def schema_name(topic: str) -> str:
     """What a topic's schema is called in a recording; viewers know some by name."""
     return str(getattr(TOPICS.get(topic), "schema", topic.strip("/")))

@@ -265,7 +265,11 @@ _OPTIONS = (
 def campaign(cases: list[Case], say: bool) -> Verdicts:
     """Run them all."""
     import pytest
+    from hypothesis import Phase, settings
 
+    # A failure is all that is asked for: to look for its smallest example takes longer than the tests themselves.
+    settings.register_profile("mutation", phases=(Phase.explicit, Phase.generate), database=None, print_blob=False)
+    settings.load_profile("mutation")
     plugin = Campaign(cases, say)
     os.chdir(ROOT)
     paths = sorted({test.split("::")[0] for case in cases for test in case.tests})

@@ -1,0 +1,92 @@
+"""runtime.deciding: told what a recording keeps of each tick, it decides as the node on its bus does."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hilbridge.core.bridge import Command
+from hilbridge.core.gate import GateConfig
+from hilbridge.features.layout import D
+from hilbridge.limits import MS, TICK_NS
+from hilbridge.records import Action, FeatureVector, HoldReason, IntentEstimate
+from hilbridge.runtime.deciding import Decider, Told, decided
+from hilbridge.verbs import VERBS
+
+SEEN = (True, True, True)
+GATE = GateConfig(tau_on=0.6, tau_off=0.4, alpha=0.6)
+AT_REST = Command(Action.HOLD, "None", HoldReason.NO_ESTIMATE, 0)
+
+
+class Sure:
+    """Believes in one verb from the first features on."""
+
+    def __init__(self) -> None:
+        self.resets = 0
+
+    def step(self, vector: FeatureVector, produced_ns: int) -> IntentEstimate:
+        probabilities = tuple(0.98 if verb == 0 else 0.001 for verb in range(len(VERBS)))
+        return IntentEstimate(vector.oldest_input_ns, produced_ns, probabilities, 0, 0.95, 1, vector.valid)
+
+    def reset(self) -> None:
+        self.resets += 1
+
+
+class Calm:
+    def __init__(self) -> None:
+        self.trembling = False
+
+    def update(self, vector: FeatureVector) -> bool:
+        return self.trembling
+
+
+def told(tick: int, **changed: object) -> Told:
+    now_ns = 1_000 * MS + tick * TICK_NS
+    vector = FeatureVector(now_ns - 20 * MS, now_ns - 15 * MS, np.zeros(D, np.float32), SEEN)
+    return Told(vector, None, HoldReason.NONE, False, now_ns)._replace(**changed)
+
+
+def run(decider: Decider, ticks: list[Told]) -> list[tuple[Action, HoldReason]]:
+    before, found = AT_REST, []
+    for tick in ticks:
+        decision, before = decided(decider, tick, before)
+        found.append((decision.action, decision.reason))
+    return found
+
+
+def test_it_acts_when_sensing_was_whole_for_long_enough() -> None:
+    found = run(Decider(Sure(), GATE, Calm()), [told(tick) for tick in range(20)])
+    assert found[0] == (Action.HOLD, HoldReason.WARMING_UP)
+    assert found[-1] == (Action.ACT, HoldReason.NONE)
+
+
+def test_each_reason_from_outside_holds_and_has_its_rank() -> None:
+    ticks = [told(tick) for tick in range(20)]
+    for changed, reason in (
+        ({"outside": HoldReason.NOT_ARMED}, HoldReason.NOT_ARMED),
+        ({"problem": "gaze is gone"}, HoldReason.SENSOR_MISSING),
+        ({"overrun": True}, HoldReason.OVERRUN),
+        ({"overrun": True, "problem": "x", "outside": HoldReason.STOPPED}, HoldReason.STOPPED),
+        ({"vector": None, "now_ns": told(20).now_ns + 400 * MS}, HoldReason.STALE),
+    ):
+        assert run(Decider(Sure(), GATE, Calm()), [*ticks, told(20, **changed)])[-1] == (Action.HOLD, reason)
+
+
+def test_tremor_holds_and_a_gap_between_features_starts_anew() -> None:
+    guard, predictor = Calm(), Sure()
+    decider = Decider(predictor, GATE, guard)
+    run(decider, [told(tick) for tick in range(20)])
+    guard.trembling = True
+    assert run(decider, [told(20)])[-1][1] is HoldReason.TREMOR
+    guard.trembling = False
+    assert run(decider, [told(30)])[-1][1] is HoldReason.WARMING_UP
+    assert predictor.resets == 1
+
+
+def test_what_cannot_be_believed_has_no_age() -> None:
+    decider = Decider(Sure(), GATE, Calm())
+    assert (decider.seeing, decider.oldest_input_ns, decider.valid) == (None, None, (False, False, False))
+    decider.step(told(1))
+    assert decider.oldest_input_ns == told(1).now_ns - 20 * MS
+    assert decider.valid == SEEN
+    decider.step(told(2, problem="camera is gone"))
+    assert decider.oldest_input_ns is None
