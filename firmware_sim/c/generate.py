@@ -31,6 +31,7 @@ _MODULES = (
     frames, e2e, memory, watchdogs, transitions, transmit, torque, law_memory, numbers, filters, guidance, damping,
     allowance, support,
 )  # fmt: skip
+_PROFILES = 32  # one for each value that ACT_CMD's Verb may have
 _MOST_FIELDS = max(len(fields) for fields in frames.FIELDS.values())
 
 
@@ -66,7 +67,7 @@ def header() -> str:
         f"#define CTL_RECEIVED_COUNT {len(frames.RECEIVED_IDS)}",
         f"#define CTL_OWN_COUNT {len(frames.OWN_IDS)}",
         f"#define CTL_MOST_FIELDS {_MOST_FIELDS}",
-        f"#define CTL_PROFILE_COUNT {len(profiles.PROFILES)}",
+        f"#define CTL_PROFILE_COUNT {_PROFILES}",
         "",
         "/* A field of a message: raw bits from `start`; `allowed` has a bit for each value of an enumeration. */",
         "typedef struct {",
@@ -134,7 +135,9 @@ def source() -> str:
     """ctl_tables.c: the tables."""
     table = [[int(states.TABLE[state][event]) for event in states.Event] for state in states.State]
     rows = "\n".join(f"    {{{', '.join(map(str, row))}}}," for row in table)
-    verbs = "\n".join(f"    {{{', '.join(str(int(value)) for value in one)}}}," for one in profiles.PROFILES)
+    verbs = "\n".join(
+        f"    {{{', '.join(str(int(value)) for value in one)}}}," for one in map(profiles.profile, range(_PROFILES))
+    )
     parts = [
         _NOTE,
         '#include "ctl_tables.h"\n',

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 
 from tests.safety import campaign, checking, harm, mutation
 from tests.safety.processes import hung
 from tests.safety.server import run as server
-from tests.safety.table import Row, Scale
+from tests.safety.table import REFERENCE, Row, Scale
 from tests.safety.tools import planted, twin
 from tests.safety.tools.branches import run as branches
 from tests.safety.wire import conformance, corruption, forgery, fuzz, replay
@@ -53,6 +54,8 @@ LANES = 2
 def part(name: str, scale: Scale) -> tuple[str, list[Row]]:
     """Run one part, and say how long it took."""
     started = time.monotonic()
+    if name == "mutation":
+        os.environ.update(REFERENCE)
     rows = PARTS[name](scale)
     print(f"{name}: {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
     return name, rows

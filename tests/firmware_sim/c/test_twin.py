@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import json
 from copy import copy
 from dataclasses import replace
+from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
@@ -181,3 +183,15 @@ def test_more_requests_than_the_outbox_holds_are_dropped_and_counted() -> None:
     after = both(hand.state, replace(hand.inputs, frames=asked), hand.now_ms + 1)
     assert len(after.outbox) == 32
     assert after.counters[24] >= 8
+
+
+def test_golden_frames_are_taken_alike() -> None:
+    """Every frame of dbc/golden_frames.json, each from power-on's next tick, and all of the bridge's in a row."""
+    path = Path(__file__).parents[3] / "dbc" / "golden_frames.json"
+    golden = [Received(one["id"], bytes.fromhex(one["data"])) for one in json.loads(path.read_text())]
+    assert {frame.can_id for frame in golden} >= {frames.STOP, *frames.RECEIVED_IDS, *frames.OWN_IDS}
+    hand = Hand().to_ready()
+    for frame in golden:
+        both(hand.state, replace(hand.inputs, frames=(frame,)), hand.now_ms + 1)
+    bridge = tuple(frame for frame in golden if frame.can_id in frames.RECEIVED_IDS)
+    both(hand.state, replace(hand.inputs, frames=bridge), hand.now_ms + 1)
