@@ -12,8 +12,8 @@ import sys
 import sysconfig
 from pathlib import Path
 
-HOME = Path(__file__).resolve().parents[1]
-ROOT = HOME.parents[1]
+ROOT = Path(__file__).resolve().parents[2]
+HOME = ROOT / "firmware_sim" / "c"
 
 
 def built(folder: Path) -> Path:
