@@ -14,6 +14,9 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2]
 HOME = ROOT / "firmware_sim" / "c"
+# Those that step controllers and nothing else: what starts processes measures nothing here.
+STEPPING = ("c", "test_arming.py", "test_commands.py", "test_deadlines.py", "test_edges.py", "test_latches.py")
+TESTS = [str(ROOT / "tests" / "firmware_sim" / name) for name in STEPPING]
 
 
 def built(folder: Path) -> Path:
@@ -73,11 +76,12 @@ def main() -> int:
     loaded(built(folder))
     import pytest
 
-    from tests.safety.table import Scale
+    from tests.safety.table import Scale, printed
     from tests.safety.tools import twin
 
-    code = pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", str(ROOT / "tests/firmware_sim")])
-    twin.run(Scale(share=float(sys.argv[2])))
+    code = pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *TESTS])
+    rows = twin.run(Scale(share=float(sys.argv[2])))
+    sys.stdout.write(printed(rows) + "\n")
 
     return int(code)
 
