@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 OUT ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check safety bench clean
+.PHONY: help demo test check safety firmware bench clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 12
@@ -13,11 +13,11 @@ help:  ## list the targets
 $(BIN)/python:
 	$(PYTHON) -m venv $(VENV)
 
-$(VENV)/.base: pyproject.toml constraints.txt | $(BIN)/python
+$(VENV)/.base: pyproject.toml constraints.txt setup.py $(wildcard firmware_sim/c/*.[ch]) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
 	@touch $@
 
-$(VENV)/.all: pyproject.toml constraints.txt | $(BIN)/python
+$(VENV)/.all: pyproject.toml constraints.txt setup.py $(wildcard firmware_sim/c/*.[ch]) | $(BIN)/python
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[test]'
 	@touch $@ $(VENV)/.base
 
@@ -44,6 +44,9 @@ check: $(VENV)/.all  ## ruff, mypy --strict, import contracts
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
+
+firmware:  ## the C controller: warnings, analysis, flash and RAM on a Cortex-M4, image for the emulator
+	$(MAKE) --no-print-directory -C firmware_sim/c
 
 bench: $(VENV)/.all  ## what prediction, tick, codec and bus cost on this machine
 	$(BIN)/hilbridge bench

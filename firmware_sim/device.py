@@ -9,7 +9,7 @@ from functools import partial
 from math import sin
 from typing import Any
 
-from firmware_sim.controller import advance
+from firmware_sim.controllers import name_of, power_on, step_of
 from firmware_sim.memory import ControllerState, Inputs, Received
 from firmware_sim.plant.actuator import LAG_S, Actuator
 from firmware_sim.plant.arm import ARM_WEIGHT_NM, CARRIED_SHARE, Arm, wearer_torque
@@ -29,6 +29,7 @@ class Device:
     def __init__(self, state: ControllerState, wearer: str | Muscles = "reach") -> None:
         """`state` is the controller at power-on; `wearer` one of plant.arm.WEARERS, or muscles of one's own."""
         self.state = state
+        self._advance = step_of(state)
         self.arm = Arm()
         self.actuator = Actuator()
         self.muscles: Muscles = partial(wearer_torque, wearer) if isinstance(wearer, str) else wearer
@@ -70,7 +71,7 @@ class Device:
         inputs.tx_dropped = dropped - self._dropped_seen
         self._dropped_seen = dropped
         self.local_clear = False
-        advance(state, inputs, self.ticks + self.skipped_ms)
+        self._advance(state, inputs, self.ticks + self.skipped_ms)
         law = state.torque
         if abs(law.assist_unm) > self.peak_assist_unm:
             self.peak_assist_unm = abs(law.assist_unm)
@@ -85,7 +86,7 @@ class Device:
 
     def start_anew(self, key: bytes, boot_nonce: int) -> None:
         """Power lost and back at once: the controller begins with nothing remembered; the arm is where it was."""
-        self.state = ControllerState(key, boot_nonce, limits=self.state.limits)
+        self.state = power_on(name_of(self.state), key, boot_nonce, self.state.limits)
 
     def break_motor(
         self, *, gain: float = 1.0, stuck: bool = False, lag_s: float = LAG_S, bias_nm: float = 0.0

@@ -130,7 +130,7 @@ FIELDS: dict[int, tuple[Field, ...]] = {
 }
 
 # A multiplexer value outside its table is its own reason.
-_MULTIPLEXERS = ("Joint", "Index")
+MULTIPLEXERS = ("Joint", "Index")
 
 # Frames this node alone may send: seeing one from outside means a second controller or a forger.
 OWN_IDS = (CTRL_EMCY, CTRL_STATUS, CTRL_MEAS, CTRL_HB, ARM_CHALLENGE, CTRL_DIAG)
@@ -178,6 +178,6 @@ def unpack(can_id: int, data: bytes) -> tuple[Reject, tuple[int, ...]]:
         if allowed is not None and value not in allowed:
             return Reject.ENUM, ()
         if not lowest <= value <= highest:
-            return (Reject.MUX if name in _MULTIPLEXERS else Reject.RANGE), ()
+            return (Reject.MUX if name in MULTIPLEXERS else Reject.RANGE), ()
         values.append(value)
     return Reject.ACCEPTED, tuple(values)

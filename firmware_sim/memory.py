@@ -28,6 +28,7 @@ COUNT_OWN_ID = 28
 COUNTERS = 29
 ECHO_SLOTS = 16
 COMMAND_SLOTS = 5
+OUTBOX_SLOTS = 32  # three times what a bus of 1 Mbit/s carries within a tick
 
 
 class Refusal(IntEnum):

@@ -23,10 +23,11 @@ from typing import IO, Any, NoReturn
 from firmware_sim.attachment import Arrival, Attachment, BusUnusable, parse_spec
 from firmware_sim.clearing import HAND, awaited
 from firmware_sim.console import listen, read_terminal_politely, report_defect, say
+from firmware_sim.controllers import CONTROLLERS, ControllerUnusable, power_on
 from firmware_sim.device import LOG_CYCLE_MS, Device
 from firmware_sim.frames import STOP, Reject
 from firmware_sim.keys import WRONG, KeyUnusable, load_key
-from firmware_sim.memory import COUNT_LOST, COUNT_STALL_TICKS, COUNT_TRIPS, ControllerState, Refusal
+from firmware_sim.memory import COUNT_LOST, COUNT_STALL_TICKS, COUNT_TRIPS, Refusal
 from firmware_sim.plant.arm import WEARERS
 from firmware_sim.priority import use_realtime_scheduling
 from firmware_sim.states import wire_name
@@ -240,6 +241,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--bus", default="auto", help="auto, vcan0, can0, hilsim:NAME or interface:channel")
     parser.add_argument("--key-file", type=Path, help="shared key, 32 hex digits, mode 0600 (default: the demo key)")
+    parser.add_argument("--controller", choices=CONTROLLERS, default="python", help="the reference, or the same in C")
     parser.add_argument("--seconds", type=_seconds, help="stop after so many seconds of the device's time")
     parser.add_argument("--json-log", type=Path, help="JSON lines: every change, and one every --log-ms")
     parser.add_argument(
@@ -274,13 +276,14 @@ def main(arguments: list[str] | None = None) -> int:
             log = options.json_log.open("w", encoding="utf-8", buffering=1)
         bus = Attachment(spec)
         use_realtime_scheduling()
-        node = Node(Device(ControllerState(key, secrets.randbits(32)), options.wearer_torque), bus, log, options.log_ms)
+        state = power_on(options.controller, key, secrets.randbits(32))
+        node = Node(Device(state, options.wearer_torque), bus, log, options.log_ms)
         _on_signals(node)
         say(f"ready on {spec.interface}:{spec.channel}")
         _take_commands(node, options)
         node.run(options.seconds)
         say(f"done {json.dumps(node.summary())}")
-    except (BusUnusable, KeyUnusable) as error:
+    except (BusUnusable, ControllerUnusable, KeyUnusable) as error:
         say(" ".join(str(error).split()), wrong=True)
         return 2
     except OSError as error:

@@ -14,7 +14,7 @@ from firmware_sim.frames import ACT_CMD, ARM_RESPONSE
 # Printed in the sources, therefore worth nothing: the bridge refuses it on a physical bus.
 DEMO_KEY = b"hilbridge-demo-k"
 FRESHNESS_LIMIT = 0xFFFFFFFF
-_LABEL = b"hilbridge session v1"
+SESSION_LABEL = b"hilbridge session v1"
 
 
 def cmac(key: bytes, message: bytes) -> bytes:
@@ -27,7 +27,7 @@ def cmac(key: bytes, message: bytes) -> bytes:
 def session_key(shared_key: bytes, bridge_nonce: int, device_nonce: int, boot_nonce: int, session: int) -> bytes:
     """16-byte key of one session, from the shared key, the nonces of both sides and the nonce of this boot."""
     context = bridge_nonce.to_bytes(4, "big") + device_nonce.to_bytes(4, "big") + boot_nonce.to_bytes(4, "big")
-    return cmac(shared_key, b"\x01" + _LABEL + b"\x00" + context + bytes((session,)) + b"\x00\x80")
+    return cmac(shared_key, b"\x01" + SESSION_LABEL + b"\x00" + context + bytes((session,)) + b"\x00\x80")
 
 
 def truncated(key: bytes, message: bytes) -> int:

@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from firmware_sim import e2e, frames
 from firmware_sim.law.numbers import clamp, div
-from firmware_sim.memory import COUNTERS, ECHO_SLOTS, ControllerState, Inputs
+from firmware_sim.memory import (
+    COUNT_TX_DROPPED,
+    COUNTERS,
+    ECHO_SLOTS,
+    OUTBOX_SLOTS,
+    ControllerState,
+    Inputs,
+    count,
+)
 from firmware_sim.states import Reason, State
 
 STATUS_CYCLE_MS = 20
@@ -15,12 +23,15 @@ ANGLE_OFFSET_MDEG = 30_000
 
 
 def send(state: ControllerState, can_id: int, values: tuple[int, ...]) -> int:
-    """Put a protected frame into the outbox; returns its E2E counter."""
+    """Put a protected frame into the outbox; returns its E2E counter. What does not fit is dropped and counted."""
     slot = frames.OWN_IDS.index(can_id)
     counter = (state.tx_counters[slot] + 1) & 0xFF
     state.tx_counters = (*state.tx_counters[:slot], counter, *state.tx_counters[slot + 1 :])
-    data = e2e.protect(can_id, frames.pack(can_id, values), counter)
-    state.outbox = (*state.outbox, (can_id, data))
+    if len(state.outbox) < OUTBOX_SLOTS:
+        data = e2e.protect(can_id, frames.pack(can_id, values), counter)
+        state.outbox = (*state.outbox, (can_id, data))
+    else:
+        count(state, COUNT_TX_DROPPED)
     return counter
 
 

@@ -15,6 +15,7 @@ from pathlib import Path
 
 from hilbridge.doctor_sensors import Finding, Verdict, check_camera, check_gaze, tried
 from hilbridge.errors import InputError
+from hilbridge.lease import run_leased
 from hilbridge.priority import Level
 from hilbridge.records import Frame
 
@@ -62,6 +63,16 @@ def check_hand_model(path: Path | None = None) -> Finding:
     if problem is None:
         return Finding("hand model", Verdict.WELL, str(path))
     return Finding("hand model", Verdict.NOTE, f"{path}: {problem}", "hilbridge fetch-models --force")
+
+
+def check_controller() -> Finding:
+    """Which controller scenarios run: the C where it was built, else the slower reference. Asked of the device itself."""
+    command = [sys.executable, "-m", "firmware_sim.controllers"]
+    told = run_leased(command).stdout.strip()
+    if told == "built":
+        return Finding("controller", Verdict.WELL, "C, built from the sources that are here")
+    what, _, cure = told.partition(": ")
+    return Finding("controller", Verdict.NOTE, f"Python, the same in more time; the C is {what or 'not there'}", cure)
 
 
 def check_bundle(path: Path | None) -> Finding:
@@ -168,7 +179,7 @@ def check_bus(spec: str, seconds: float = 2.5) -> list[Finding]:
 
 def examine(bus: str | None, camera: str | None, gaze: str | None, bundle: Path | None) -> list[Finding]:
     """Everything, in the order in which a newcomer needs it. The bus is only looked at when one is named."""
-    findings = [check_python(), *check_packages(), check_bundle(bundle), check_hand_model()]
+    findings = [check_python(), *check_packages(), check_bundle(bundle), check_hand_model(), check_controller()]
     findings += [check_camera(camera), check_gaze(gaze)]
     findings += check_bus(bus) if bus else [Finding("bus", Verdict.NOTE, "none given", "hilbridge doctor --bus auto")]
     return [*findings, check_clock(), check_realtime()]

@@ -1,4 +1,4 @@
-"""`hilscenario`: list, run, campaign, minimise, faults, schema, compile. Parse, call one room, print."""
+"""`hilscenario`: list, run, campaign, minimise, faults, schema. Parse, call one room, print."""
 
 from __future__ import annotations
 
@@ -166,19 +166,6 @@ def minimise(
     target = out or path.with_suffix(".min.yaml")
     write_whole(target, dump_scenario(smaller))
     typer.echo(f"{target}: {len(smaller.steps)} of {len(scenario.steps)} faults, {smaller.duration / 1e9:g} s")
-
-
-@app.command("compile")
-def compile_(
-    out: Annotated[Path, typer.Option(help="folder for the compiled modules; made anew")] = Path("build/fast"),
-) -> None:
-    """Compile the simulated device (mypyc, a C compiler, some minutes): the same bytes in less time."""
-    from hilbridge.terminal import status
-    from scenarios.lockstep.compiled import compile_device
-
-    with status("compiling the simulated device", quiet=False):
-        made = compile_device(out)
-    typer.echo(f"{made}: use it with PYTHONPATH={made} hilscenario run ...")
 
 
 def main() -> None:

@@ -15,7 +15,7 @@ from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, T
 from rich.table import Table
 
 from scenarios.format.schema import FIGURES
-from scenarios.lockstep.compiled import is_compiled
+from scenarios.lockstep.controller import controller_in_use
 from scenarios.verdict.judging import Result, Skipped
 
 if TYPE_CHECKING:
@@ -77,8 +77,9 @@ def print_results(results: Sequence[Result], out: Path | None, skipped: Sequence
         console.print(f"[yellow]skipped[/] {one.name}: {one.file}: {one.why}", highlight=False, soft_wrap=True)
     took = f"{cpu_s:.0f} s"
     if not live:
-        device = ", compiled device" if is_compiled() else ""
-        took = f"{cpu_s:.1f} s of processor time ({seconds / max(cpu_s, 1e-9):.0f} x{device})"
+        took = (
+            f"{cpu_s:.1f} s of processor time ({seconds / max(cpu_s, 1e-9):.0f} x, controller in {controller_in_use()})"
+        )
     console.print(
         f"\n{len(results) - len(failed)} of {len(results)} passed"
         + (f", {len(skipped)} skipped" if skipped else "")

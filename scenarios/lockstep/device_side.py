@@ -7,13 +7,14 @@ from collections.abc import Iterable, Sequence
 
 from firmware_sim.device import Device
 from firmware_sim.keys import WRONG
-from firmware_sim.memory import ControllerState, Received
+from firmware_sim.memory import Received
 from firmware_sim.plant.actuator import LAG_S
 from firmware_sim.secoc import DEMO_KEY
 from hilbridge.bus.model.error_frames import ErrorState
 from hilbridge.bus.simulated.protocol import Arrival
 from scenarios.format.schema import Scenario
 from scenarios.lockstep.bus_side import BusSide
+from scenarios.lockstep.controller import powered_on
 from scenarios.lockstep.probes import DeviceProbe
 from scenarios.lockstep.run_log import RunLog
 from scenarios.world.arm import PUSHING, opposing, push_nm
@@ -29,8 +30,8 @@ class DeviceSide:
 
     def __init__(self, scenario: Scenario, board: FaultBoard, bus: BusSide, log: RunLog, chance: random.Random) -> None:
         self._board, self._bus, self._chance = board, bus, chance
-        self.device = Device(ControllerState(DEMO_KEY, chance.getrandbits(32)), scenario.device.arm)
-        self.tick_device = self.device.tick  # by name, so that a profile can wrap a compiled one
+        self.device = Device(powered_on(DEMO_KEY, chance.getrandbits(32)), scenario.device.arm)
+        self.tick_device = self.device.tick  # by name, so that a profile can wrap it
         self.tap = Tap("device", board, scenario.seed)
         self.probe = DeviceProbe(log.tracks, log.record if log.is_recorded else None)
         self.dropped = 0  # frames that the controller chip did not take

@@ -87,15 +87,12 @@ COMMANDS: dict[str, tuple[typer.Typer, tuple[str, ...]]] = {
     "scenario campaign": (scenario_cli.app, ("campaign", "{}", "--jobs", "1", "--out", "{}.out")),
     "scenario minimise": (scenario_cli.app, ("minimise", "{}")),
     "scenario out": (scenario_cli.app, ("run", "catalog/dropout-gaze-off.yaml", "--jobs", "1", "--out", "{}")),
-    "scenario compile": (scenario_cli.app, ("compile", "--out", "{}")),
     "scenario figures": (scenario_cli.app, ("figures", "{}")),
     "scenario faults": (scenario_cli.app, ("faults", "{}")),
     "scenario schema": (scenario_cli.app, ("schema", "{}")),
 }
 # What a command rightly takes: a folder, or a name that is free.
-TAKES = {"forget": ("folder",)} | dict.fromkeys(
-    ("demo", "train", "dbc", "scenario out", "scenario compile"), ("absent", "folder")
-)
+TAKES = {"forget": ("folder",)} | dict.fromkeys(("demo", "train", "dbc", "scenario out"), ("absent", "folder"))
 WORDS: list[tuple[typer.Typer, tuple[str, ...]]] = [
     (cli.app, ("nonsense",)),
     (cli.app, ("demo", "--seconds", "nan")),

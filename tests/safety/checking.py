@@ -7,10 +7,12 @@ from collections import deque
 from copy import copy
 
 from firmware_sim import e2e, frames, watchdogs
+from firmware_sim.c import binding
+from firmware_sim.controllers import power_on
 from firmware_sim.law.damping import LEASH_UNM_MS
-from firmware_sim.memory import Received
+from firmware_sim.memory import ControllerState, Received
 from firmware_sim.states import State
-from tests.safety.hand import Hand
+from tests.safety.hand import BOOT_NONCE, KEY, Hand
 from tests.safety.table import Row, Scale
 from tests.safety.tools.model import CUT, INPUTS, OPERATE, QUANTUM_MS, Model, step
 
@@ -92,6 +94,12 @@ def frames_of(hand: Hand, arrival: str) -> tuple[list[Received], bool]:
     return [], False
 
 
+def _machine(state: ControllerState) -> int:
+    """Of the E2E receiver of ACT_CMD, without taking the whole state of C apart."""
+    slot = frames.RECEIVED_IDS.index(frames.ACT_CMD)
+    return state.receivers[slot].machine if isinstance(state, ControllerState) else state.machine(slot)
+
+
 def shaking(now_ms: int) -> int:
     """Velocity of the model's world: a slow movement upon which there is a tremor of 6 Hz, so that every verb damps."""
     phase = now_ms % 168
@@ -101,7 +109,6 @@ def shaking(now_ms: int) -> int:
 def invariants(hand: Hand, before: State, assist_before: int, arrival: str) -> None:
     """What holds after every single tick of the real code. Raises Broken."""
     s, assist = hand.state, hand.outputs.assist_unm
-    receiver = s.receivers[frames.RECEIVED_IDS.index(frames.ACT_CMD)]
     age_ms = hand.now_ms - s.command_ms
     latched = (State.LATCHED, State.ESTOP)
     rules = {
@@ -109,7 +116,7 @@ def invariants(hand: Hand, before: State, assist_before: int, arrival: str) -> N
         "assist rises only in ASSIST": abs(assist) <= abs(assist_before) or s.state == State.ASSIST,
         "ASSIST only with a live authorised command": s.state != State.ASSIST
         or (s.armed and s.command_live and not s.command_is_hold and age_ms < watchdogs.COMMAND_LIMIT_MS),
-        "ASSIST only under a valid E2E machine": s.state != State.ASSIST or receiver.machine == e2e.Machine.VALID,
+        "ASSIST only under a valid E2E machine": s.state != State.ASSIST or _machine(s) == e2e.Machine.VALID,
         "ASSIST only out of READY": s.state != State.ASSIST or before in (State.READY, State.ASSIST),
         "READY only out of FOLLOW, a clean ramp or an assist of zero": s.state != State.READY
         or before in (State.FOLLOW, State.READY, State.RAMP_DOWN)
@@ -150,9 +157,9 @@ def quantum(hand: Hand, arrival: str) -> bool:
     return at_zero
 
 
-def explore(limit: int | None, seed: int) -> tuple[dict[Model, Hand], int, list[str]]:
+def explore(limit: int | None, seed: int, controller: str = "python") -> tuple[dict[Model, Hand], int, list[str]]:
     """(a real moment for every model state found, transitions replayed, mismatches); breadth first, `limit` for a sample."""
-    start = Hand().to_follow()
+    start = Hand(power_on(controller, KEY, BOOT_NONCE)).to_follow()
     first = abstract(start)
     found, queue, replayed, wrong = {first: start}, deque([first]), 0, []
     rng = random.Random(seed)
@@ -214,6 +221,16 @@ def bounded(moments: list[Hand], phases: range) -> tuple[int, int, int, int]:
                 else:
                     worst_hold = max(worst_hold, elapsed)
     return worst_silence, worst_hold, worst_stop, tried
+
+
+def in_c(scale: Scale) -> list[Row]:
+    """The same search over the C controller: every transition of the model, every invariant."""
+    claim = "every transition of the model, and every invariant, on the C controller"
+    if (why := binding.why_not()) is not None:
+        return [Row("model_c", claim, f"the C controller is {why}", False)]
+    found, replayed, wrong = explore(1000 if scale.quick else None, scale.seed, "c")
+    figure = f"{len(found)} states, {replayed} transitions, {replayed * QUANTUM_MS} ticks, {len(wrong)} differ"
+    return [Row("model_c", claim, figure + (f": {wrong[0]}" if wrong else ""), not wrong)]
 
 
 def run(scale: Scale) -> list[Row]:

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any
+from unittest import mock
 
 import firmware_sim.controller
 import firmware_sim.receive
@@ -20,6 +22,7 @@ from hilbridge.records import HoldReason
 from scenarios.campaign import GATE_STATES, Sample, base_scenario, scenario_for
 from scenarios.format.schema import Scenario
 from scenarios.lockstep.run import run_scenario
+from tests.safety.table import REFERENCE
 
 
 class _EqualToAll:
@@ -93,12 +96,13 @@ DEFECTS: tuple[Defect, ...] = (
 
 @contextmanager
 def planted(defect: Defect) -> Iterator[None]:
-    """The defect, for as long as this lasts."""
+    """The defect, for as long as this lasts. The reference runs meanwhile: the C would not have it."""
     before = [(owner, name, _read(owner, name)) for owner, name, _ in defect.places]
     try:
         for owner, name, value in defect.places:
             _write(owner, name, value)
-        yield
+        with mock.patch.dict(os.environ, REFERENCE):
+            yield
     finally:
         for owner, name, value in before:
             _write(owner, name, value)

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
+import os
 import sys
 import time
 
 from tests.safety import campaign, checking, harm, mutation
 from tests.safety.processes import hung
 from tests.safety.server import run as server
-from tests.safety.table import Row, Scale
-from tests.safety.tools import planted
+from tests.safety.table import REFERENCE, Row, Scale
+from tests.safety.tools import planted, twin
 from tests.safety.tools.branches import run as branches
 from tests.safety.wire import conformance, corruption, forgery, fuzz, replay
 
@@ -19,6 +20,8 @@ PARTS = {
     "replay": replay.run,
     "forgery": forgery.run,
     "model": checking.run,
+    "model_c": checking.in_c,
+    "twin": twin.run,
     "harm": harm.run,
     "fuzz": fuzz.run,
     "branches": branches,
@@ -35,6 +38,8 @@ LONGEST_FIRST = (
     "mutation",
     "harm",
     "model",
+    "model_c",
+    "twin",
     "defects",
     "fuzz",
     "replay",
@@ -49,6 +54,8 @@ LANES = 2
 def part(name: str, scale: Scale) -> tuple[str, list[Row]]:
     """Run one part, and say how long it took."""
     started = time.monotonic()
+    if name == "mutation":
+        os.environ.update(REFERENCE)
     rows = PARTS[name](scale)
     print(f"{name}: {time.monotonic() - started:.0f} s", file=sys.stderr, flush=True)
     return name, rows

@@ -118,6 +118,8 @@ Torque profiles await clinical sign-off; nothing here is a medical device, and n
 | `replay` | doubled frames, queues of a dead bridge, earlier sessions, replays past E2E and session number |
 | `forgery` | random ACT and AUTH pairs that are right in all but the key; the third latches |
 | `model` | all states of a model of the contract, all transitions replayed on the code, invariants per ms |
+| `model_c` | the same search over the controller in C |
+| `twin` | random sequences through the reference and the C: every number of state and outputs after every tick |
 | `harm` | what a wrong ACT does: every verb, 21 wearers, firm and weak, ACTs of 0.24, 2 and 10 s; tremor; a search; a proof |
 | `fuzz` | decode on both ends under random and coverage-guided input |
 | `branches` | full branch coverage of the files that decide |

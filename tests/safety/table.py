@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+# For what changes or measures the reference: the C beside it would show nothing of it.
+REFERENCE = {"HILBRIDGE_TESTED": "python", "HILBRIDGE_CONTROLLER": "python"}
+
 
 @dataclass(frozen=True, slots=True)
 class Row:

@@ -51,10 +51,9 @@ def await_count(mark: str, count: int) -> None:
         ("scenarios.cli", ["run", "{scenario}", "--live", "--bus", "hilsim:{mark}"], 5),
         ("hilbridge.cli", ["bench"], 3),
         ("hilbridge.cli", ["evaluate", "--out", "{folder}"], 3),
-        ("scenarios.cli", ["compile", "--out", "{folder}"], 3),
         ("scenarios.cli", ["campaign", "{base}", "--jobs", "2", "--out", "{folder}"], 3),
     ],
-    ids=["demo", "firmware-sim", "live scenario", "bench", "evaluate", "compile", "campaign"],
+    ids=["demo", "firmware-sim", "live scenario", "bench", "evaluate", "campaign"],
 )
 def test_nobody_is_left(program: str, words: list[str], processes: int, tmp_path: Path) -> None:
     from scenarios.campaign import base_scenario

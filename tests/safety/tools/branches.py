@@ -10,7 +10,7 @@ import tempfile
 from pathlib import Path
 
 from tests.safety.mutation import ROOT, TARGETS, TESTS
-from tests.safety.table import Row, Scale
+from tests.safety.table import REFERENCE, Row, Scale
 
 
 def run(scale: Scale) -> list[Row]:
@@ -20,7 +20,9 @@ def run(scale: Scale) -> list[Row]:
         report = Path(folder) / "coverage.json"
         command = [sys.executable, "-m", "pytest", *TESTS, "-q", "-p", "no:cacheprovider", "--cov-branch"]
         command += ["--cov=firmware_sim", "--cov=hilbridge.core", "--cov=hilbridge.wire", f"--cov-report=json:{report}"]
-        environment = os.environ | {"COVERAGE_FILE": str(Path(folder) / "coverage"), "PYTHONPATH": str(ROOT)}
+        environment = (
+            os.environ | REFERENCE | {"COVERAGE_FILE": str(Path(folder) / "coverage"), "PYTHONPATH": str(ROOT)}
+        )
         done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
         if done.returncode != 0:
             return [Row("branches", "the tests themselves pass", done.stdout.strip().splitlines()[-1], False)]

@@ -20,7 +20,7 @@ from pathlib import Path
 from queue import SimpleQueue
 from typing import NamedTuple
 
-from tests.safety.table import Row, Scale
+from tests.safety.table import REFERENCE, Row, Scale
 
 ROOT = Path(__file__).parents[3]
 TABLE = ROOT / "tests" / "safety" / "edge_defects.toml"
@@ -67,7 +67,7 @@ def copies(count: int) -> Iterator[SimpleQueue[Path]]:
 def run_tests(tree: Path, tests: list[str]) -> int | None:
     """pytest's exit code in that tree; None where it had to be ended."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", "-p", "no:xdist"]
-    environment = os.environ | {"PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = os.environ | REFERENCE | {"PYTHONPATH": str(tree), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
         done = subprocess.run(
             [*command, "--hypothesis-seed=0", *tests],
