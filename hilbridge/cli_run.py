@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
 Flag = bool | None  # None leaves it to the configuration
 Camera = Annotated[str | None, typer.Option(help="device index, video file, or rtsp:// URL")]
-Gaze = Annotated[str | None, typer.Option(help="Neon recording folder, BeGaze .txt, or .csv")]
+Gaze = Annotated[str | None, typer.Option(help="neon:[HOST], lsl:STREAM, udp:PORT; or Neon folder, BeGaze .txt, .csv")]
 CameraFps = Annotated[
     float | None, typer.Option(help="ask the camera for this rate, or play a file at it; ticks lock to 25")
 ]

@@ -21,6 +21,19 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
+class LslSection(_Part):
+    """Which channel of a Lab Streaming Layer gaze stream holds what, by its number or its label."""
+
+    x: Annotated[int, Field(ge=0)] | str = 0
+    y: Annotated[int, Field(ge=0)] | str = 1
+    width: Annotated[float, Field(gt=0.0, description="x is divided by it: pixels of the scene picture, or 1")] = 1.0
+    height: Annotated[float, Field(gt=0.0, description="y is divided by it")] = 1.0
+    y_up: bool = Field(False, description="y counts from below, as in Pupil Core's norm_pos")
+    valid: Annotated[int, Field(ge=0)] | str | None = Field(None, description="channel of validity or confidence")
+    valid_from: float = Field(0.5, description="gaze is valid where that channel is at least so much")
+    worn: Annotated[int, Field(ge=0)] | str | None = Field(None, description="channel above 0 while worn")
+
+
 class SensorsConfig(_Part):
     """Where pictures and gaze come from, and how long each may be silent before the bridge holds."""
 
@@ -28,7 +41,13 @@ class SensorsConfig(_Part):
     camera_fps: Annotated[float, Field(ge=1.0, le=240.0)] | None = Field(
         None, description="rate to ask a camera for, or to play a file at; default: its own"
     )
-    gaze: str | None = Field(None, description="Neon recording folder, BeGaze .txt, or .csv")
+    gaze: str | None = Field(
+        None, description="neon:[HOST], lsl:STREAM, udp:PORT; or a Neon recording folder, BeGaze .txt, or .csv"
+    )
+    gaze_latency_ms: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
+        0.0, description="age of a sample on arrival, where the sender gives no stamp (udp)"
+    )
+    lsl: LslSection = LslSection()
     hands: bool = Field(True, description="find hands with MediaPipe (extra `hands`)")
     hand_model: str | None = Field(None, description="hand_landmarker.task; default: the user's data folder")
     hand_model_sha256: str | None = Field(

@@ -5,15 +5,20 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hilbridge.config import SensorsConfig
 from hilbridge.errors import InputError
+from hilbridge.limits import MS
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample
-from hilbridge.rows import SourceAccount
+from hilbridge.rows import ClockRow, SourceAccount
 from hilbridge.runtime.health import SensorSeen, camera_seen, gaze_seen
 from hilbridge.runtime.vision import FindsHands, VisionWorker
+from hilbridge.sensors.clock import DeviceClock
 from hilbridge.sensors.source import Source, SourceState
+
+if TYPE_CHECKING:
+    from hilbridge.sensors.live.base import LiveGaze
 
 
 class Senses:
@@ -66,7 +71,21 @@ class Senses:
         camera = camera_seen(config, looks, self.camera.last_captured_ns, vision.freeze.changed_ns)
         if self.gaze is None:
             return (camera,)
-        return (camera, gaze_seen(config, self.gaze.state is SourceState.RUNNING, self.gaze.last_captured_ns))
+        gaze = self.gaze
+        running = gaze.state is SourceState.RUNNING
+        return (camera, gaze_seen(config, running, gaze.last_captured_ns, live=gaze.live))
+
+    def clocks(self, now_ns: int) -> tuple[ClockRow, ...]:
+        """What is known of the clocks of devices that have their own."""
+        clock: DeviceClock | None = getattr(self.gaze, "clock", None)
+        if self.gaze is None or clock is None or clock.fit is None:
+            return ()
+        fit = clock.fit
+        bound_ms, residual_ms = fit.bound_ns(now_ns) / MS, fit.residual_ns / MS
+        offset_ns = fit.offset_at(now_ns)
+        return (
+            ClockRow(now_ns, self.gaze.name, offset_ns, fit.drift_ppm, residual_ms, bound_ms, fit.probes, clock.steps),
+        )
 
     def accounts(self) -> dict[str, SourceAccount]:
         """Every value of every cell and what became of it."""
@@ -83,16 +102,27 @@ class Senses:
         return accounts
 
 
+def open_tracker(config: SensorsConfig) -> LiveGaze:
+    """The live eye tracker of a configuration. Raises InputError."""
+    from hilbridge.sensors.live.lsl import LslChannels
+    from hilbridge.sensors.live.spec import open_live_gaze
+
+    assert config.gaze is not None
+    return open_live_gaze(config.gaze, LslChannels(**config.lsl.model_dump()), round(config.gaze_latency_ms * MS))
+
+
 def open_senses(config: SensorsConfig) -> Senses:
     """Open what the configuration names. Raises InputError naming the first thing that is not there, and the cure."""
     from hilbridge.sensors.camera import CameraSource
     from hilbridge.sensors.gaze import GazePlayer, open_gaze
+    from hilbridge.sensors.live.spec import is_live
     from hilbridge.sensors.models import hand_model_path, load_hand_model
 
     if config.camera is None:
         raise InputError("no camera is given; add --camera INDEX|FILE|URL (or [sensors] camera in bridge.toml)")
     # Cheap checks first: nothing is started, and no device taken, for a run that cannot begin.
-    recording = open_gaze(Path(config.gaze)) if config.gaze is not None else None
+    live = config.gaze is not None and is_live(config.gaze)
+    recording = open_gaze(Path(config.gaze)) if config.gaze is not None and not live else None
     model = Path(config.hand_model) if config.hand_model is not None else hand_model_path()
     if config.hands:
         try:
@@ -106,5 +136,9 @@ def open_senses(config: SensorsConfig) -> Senses:
         return HandDetector(model, sha256=config.hand_model_sha256)
 
     camera = CameraSource(config.camera, loop=config.loop, fps=config.camera_fps)
-    gaze = GazePlayer(recording, loop=config.loop) if recording is not None else None
+    gaze: Source[GazeSample] | None = None
+    if recording is not None:
+        gaze = GazePlayer(recording, loop=config.loop)
+    elif config.gaze is not None:
+        gaze = open_tracker(config)
     return Senses(camera, gaze, find_hands if config.hands else None, camera_fps=camera.fps, config=config)

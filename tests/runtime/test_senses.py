@@ -9,8 +9,10 @@ import pytest
 from hilbridge.config import SensorsConfig
 from hilbridge.errors import InputError
 from hilbridge.limits import MS
+from hilbridge.rows import decode, encode
 from hilbridge.runtime.health import first_problem
-from hilbridge.runtime.senses import Senses
+from hilbridge.runtime.senses import Senses, open_tracker
+from hilbridge.sensors.clock import DeviceClock, Probe
 from hilbridge.sensors.source import Source, SourceState
 
 
@@ -127,3 +129,32 @@ def test_every_value_of_every_cell_is_accounted_for() -> None:
     assert (camera.received, camera.used, camera.overwritten, camera.failed, camera.pending) == (4, 0, 2, 1, 1)
     assert (gaze.received, gaze.used, gaze.pending) == (1, 1, 0)
     assert world.senses.take() is None
+
+
+def test_a_device_with_a_clock_of_its_own_is_recorded_with_it() -> None:
+    world = World()
+    assert world.senses.clocks(2000 * MS) == ()
+    assert world.gaze is not None
+    clock = DeviceClock()
+    world.gaze.clock = clock  # type: ignore[attr-defined]
+    assert world.senses.clocks(2000 * MS) == ()
+    for index in range(10):
+        clock.add(Probe(index * 100 * MS, index * 100 * MS + 301 * MS, index * 100 * MS + 2 * MS))
+    (row,) = world.senses.clocks(902 * MS)
+    assert (row.device, row.offset_ns, row.bound_ms, row.probes) == ("gaze", -300 * MS, 1.0, 10)
+    assert decode(row.topic, row.time_ns, encode(row)) == row
+
+
+def test_a_live_eye_tracker_is_judged_more_strictly() -> None:
+    world = World()
+    world.gaze.live = True  # type: ignore[union-attr]
+    assert world.problem(1080) is None
+    assert world.problem(1081) == "gaze silent for more than 80 ms"
+
+
+def test_the_configuration_opens_a_live_eye_tracker() -> None:
+    tracker = open_tracker(SensorsConfig(gaze="udp:127.0.0.1:45981", gaze_latency_ms=3.0))
+    assert tracker.live
+    assert tracker.name == "gaze udp:45981"
+    tracker.start()
+    tracker.stop()
