@@ -12,6 +12,7 @@ from __future__ import annotations
 import errno
 import json
 import os
+import threading
 from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
@@ -19,6 +20,7 @@ from typing import Any, Protocol
 
 from hilbridge.errors import InputError
 from hilbridge.observe.mcap_file import McapFile
+from hilbridge.priority import Level, take_level
 from hilbridge.rows import MetaRow, Row, encode, json_schema, schema_name
 
 _CHUNK_NS = 500_000_000
@@ -47,10 +49,47 @@ class AddsNothing:
         return None
 
 
+class _Syncer:
+    """Forces what was written onto the disk, in a thread of its own: a disk that takes seconds for that must not hold up
+    what is written next, which a kill would cost.
+    """
+
+    def __init__(self, descriptor: int) -> None:
+        self._descriptor = os.dup(descriptor)
+        self._asked = threading.Event()
+        self._ending = False
+        self._failure: OSError | None = None
+        threading.Thread(target=self._run, name="recording sync", daemon=True).start()
+
+    def ask(self) -> None:
+        """Soon. Raises OSError with what the disk said the last time."""
+        if self._failure is not None:
+            raise self._failure
+        self._asked.set()
+
+    def end(self) -> None:
+        """Once more, and no more. Nobody waits for it."""
+        self._ending = True
+        self._asked.set()
+
+    def _run(self) -> None:
+        take_level(Level.ORDINARY)  # whoever began the next part of a recording may be above that
+        ending = False
+        while not ending:
+            self._asked.wait()
+            self._asked.clear()
+            ending = self._ending
+            try:
+                os.fsync(self._descriptor)
+            except OSError as error:
+                self._failure = error
+        os.close(self._descriptor)
+
+
 class Recording:
     """Writes one MCAP file, row by row. Use as a context manager. Raises InputError where nothing can be written.
 
-    `is_lasting`: each chunk is forced onto the disk, so that a power cut costs no more than a kill.
+    `is_lasting`: each chunk is forced onto the disk soon, so that a power cut costs little more than a kill.
     """
 
     def __init__(self, path: Path, adds: Adds | None = None, *, is_lasting: bool = False) -> None:
@@ -67,7 +106,7 @@ class Recording:
             raise InputError(f"recording {path}: {error.strerror}; name a folder that can be written") from None
         self.path = path
         self._adds: Adds = AddsNothing() if adds is None else adds
-        self._is_lasting = is_lasting
+        self._syncer = _Syncer(descriptor) if is_lasting else None
         self._mcap = McapFile(self._file, LIBRARY)
         self._channels: dict[str, int] = {}
         self._sequence = 0
@@ -109,20 +148,27 @@ class Recording:
         """End the chunk under way, so that what was written so far survives this process."""
         self._mcap.end_chunk()
         self._file.flush()
-        if self._is_lasting:
-            os.fsync(self._file.fileno())
+        if self._syncer is not None:
+            self._syncer.ask()
 
     def close(self) -> None:
         """Finish the file. Raises OSError; what had been flushed can be read all the same."""
         try:
             self._mcap.finish()
         finally:
-            self._file.close()
+            self._end()
 
     def discard(self) -> None:
         """Remove what was written."""
-        self._file.close()
+        self._end()
         self.path.unlink(missing_ok=True)
+
+    def _end(self) -> None:
+        try:
+            self._file.close()
+        finally:
+            if self._syncer is not None:
+                self._syncer.end()
 
     def __enter__(self) -> Recording:
         return self

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import os
+import threading
 from pathlib import Path
 
 import jsonschema
@@ -159,3 +161,41 @@ def test_pictures_give_way_first(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     recording.close()
     assert (recording.lost_pictures, recording.lost_rows) == (1, 0)
     assert list(read_recording(recording.path)) == [EventRow(2, "x")]
+
+
+def test_a_disk_that_takes_its_time_does_not_hold_up_what_is_written_next(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    free = threading.Event()
+    monkeypatch.setattr(os, "fsync", lambda descriptor: free.wait(60))
+    recording = Recording(tmp_path / "a.mcap", is_lasting=True)
+    for tick in range(250):
+        recording.write(EventRow(tick * 40_000_000, str(tick)))
+    rows = list(read_recording(recording.path))  # as after a kill, while the disk is still busy with the first chunk
+    assert 249 - len(rows) <= 25
+    recording.close()
+    free.set()
+
+
+def test_a_disk_that_refuses_to_keep_is_told_with_the_next_chunk(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked = threading.Event()
+
+    def refuse(descriptor: int) -> None:
+        asked.set()
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(os, "fsync", refuse)
+    recording = Recording(tmp_path / "a.mcap", is_lasting=True)
+    recording.write(EventRow(0, "x"))
+    recording.flush()
+    assert asked.wait(60)
+
+    def until_told() -> None:
+        for second in range(1, 10_000):
+            recording.write(EventRow(second * 10**9, "x"))
+
+    with pytest.raises(OSError, match="No space left"):
+        until_told()
+    recording.close()
