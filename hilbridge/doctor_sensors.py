@@ -159,6 +159,7 @@ def judge_gaze(spec: str, recording: GazeRecording) -> Finding:
     text = (
         f"{spec}: {recording.format}, {count} samples in {seconds:.3g} s ({rate_hz:.4g} a second), "
         f"{valid:.0%} valid, {recording.bad_rows} bad rows"
+        f"{''.join(f'; {note}' for note in recording.notes)}"
     )
     if bad > MOST_BAD_ROWS:
         cure = "export the recording again; look at the rows that cannot be read or go back in time"
