@@ -20,6 +20,9 @@ from hilbridge.sensors.gaze_csv import read_csv
 from hilbridge.sensors.recorded.iassistadl import Stream, is_iassistadl, read_iassistadl
 from hilbridge.sensors.source import Source
 
+_CORE_FILE = "gaze_positions.csv"  # of Pupil Player's export
+_SLOWEST_NS = 1_500 * MS  # between samples of any eye tracker there is; more are stamps in another unit
+
 
 @dataclass(frozen=True, slots=True)
 class GazeRecording:
@@ -40,10 +43,12 @@ class GazeRecording:
 
 
 def open_gaze(path: Path) -> GazeRecording:
-    """Read a Neon recording folder, a BeGaze text export, or a CSV (time_s, x, y[, valid], or the Neon Cloud's).
+    """Read a folder (Neon, Pupil Core export, iAssistADL), a BeGaze text export, or a CSV (see gaze_csv.py).
 
     Raises InputError naming the file and the cure.
     """
+    if path.is_dir() and (path / _CORE_FILE).is_file():
+        return csv_recording(path / _CORE_FILE)
     if path.is_dir():
         return iassistadl_recording(path) if is_iassistadl(path) else pupil_labs_recording(path)
     if not path.is_file():
@@ -120,6 +125,11 @@ def _checked(
     forward = np.concatenate(([True], time_ns[1:] > np.maximum.accumulate(time_ns)[:-1]))
     bad += int((~forward).sum())
     time_ns, x, y, valid = time_ns[forward], x[forward].copy(), y[forward].copy(), valid[forward]
+    if len(time_ns) > 2 and float(np.median(np.diff(time_ns))) > _SLOWEST_NS:
+        raise InputError(
+            f"gaze {path}: {np.median(np.diff(time_ns)) / 1e9:.3g} s from sample to sample; are the stamps in another "
+            "unit (milliseconds, nanoseconds)? time_s is in seconds"
+        )
     usable = valid & np.isfinite(x) & np.isfinite(y)
     inside = (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)
     if len(time_ns) < 2 or not (usable & inside).any():
