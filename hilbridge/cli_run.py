@@ -18,6 +18,9 @@ CameraFps = Annotated[
     float | None, typer.Option(help="ask the camera for this rate, or play a file at it; ticks lock to 25")
 ]
 Bus = Annotated[str | None, typer.Option("--bus", help="auto, vcan0, can0, or any python-can interface:channel")]
+BusOption = Annotated[
+    list[str] | None, typer.Option(metavar="KEY=VALUE", help="for the interface, such as bitrate=500000; many times")
+]
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="bridge.toml; the command line wins over it")]
 BundleFile = Annotated[Path | None, typer.Option("--bundle", help="model bundle; default: the one that ships")]
 Seconds = Annotated[float | None, typer.Option(min=0.1, help="stop after so long; default: at the end")]
@@ -56,6 +59,7 @@ def run(
     gaze: Gaze = None,
     camera_fps: CameraFps = None,
     bus: Bus = None,
+    bus_option: BusOption = None,
     bundle: BundleFile = None,
     config: ConfigFile = None,
     seconds: Seconds = None,
@@ -78,13 +82,15 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run the bridge on a camera and an eye tracker (live or recorded) until they end or Ctrl-C."""
+    from hilbridge.bus.port.options import parse_options
     from hilbridge.labels.live import MarkOptions
     from hilbridge.labels.marks import keys_of
     from hilbridge.run import RunOptions
 
     given: dict[str, dict[str, object]] = {
         "sensors": {"camera": camera, "camera_fps": camera_fps, "gaze": gaze, "hands": hands, "loop": loop},
-        "bus": {"spec": bus, "key_file": _text(key_file), "listen_only": listen_only, "arm": arm},
+        "bus": {"spec": bus, "key_file": _text(key_file), "listen_only": listen_only, "arm": arm}
+        | {"options": parse_options(bus_option) if bus_option else None},
         "model": {"bundle": _text(bundle)},
         "recording": {"video": video, "rotate_mb": rotate_mb, "rotate_minutes": rotate_minutes, "retain_days": retain}
         | {"participant": participant, "blur_faces": blur_faces},

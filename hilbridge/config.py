@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import tomllib
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -88,6 +88,7 @@ class BusConfig(_Part):
     """The bus. On a physical bus the bridge listens only until `arm` is set."""
 
     spec: str = Field("auto", description="auto, vcan0, can0, or any python-can interface:channel")
+    options: dict[str, Any] = Field({}, description="go to python-can as they are: bitrate, can_filters, fd ...")
     dbc: str | None = Field(None, description="DBC file; default: the one that ships")
     key_file: str | None = Field(
         None, description="16-byte key as hex, mode 0600; default: the demo key (virtual only)"
@@ -146,11 +147,16 @@ def load_config(path: Path | None, overrides: dict[str, dict[str, object]] | Non
         given = {key: value for key, value in values.items() if value is not None}
         table = data.get(section, {})
         if given and isinstance(table, dict):
-            data[section] = {**table, **given}
+            data[section] = {**table, **{key: _over(table.get(key), value) for key, value in given.items()}}
     try:
         return Config.model_validate(data)
     except ValidationError as error:
         raise InputError(f"config {name}: {_one_line(error)}") from None
+
+
+def _over(file: object, given: object) -> object:
+    """What is given over what the file has; of a table key by key."""
+    return {**file, **given} if isinstance(file, dict) and isinstance(given, dict) else given
 
 
 def _one_line(error: ValidationError) -> str:
