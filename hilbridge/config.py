@@ -41,6 +41,9 @@ class SensorsConfig(_Part):
     camera_fps: Annotated[float, Field(ge=1.0, le=240.0)] | None = Field(
         None, description="rate to ask a camera for, or to play a file at; default: its own"
     )
+    camera_latency_ms: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
+        0.0, description="age of a picture on arrival (exposure, transfer), where its driver gives no stamp"
+    )
     gaze: str | None = Field(
         None, description="neon:[HOST], lsl:STREAM, udp:PORT; or a Neon recording folder, BeGaze .txt, or .csv"
     )

@@ -135,7 +135,9 @@ def open_senses(config: SensorsConfig) -> Senses:
 
         return HandDetector(model, sha256=config.hand_model_sha256)
 
-    camera = CameraSource(config.camera, loop=config.loop, fps=config.camera_fps)
+    camera = CameraSource(
+        config.camera, loop=config.loop, fps=config.camera_fps, latency_ns=round(config.camera_latency_ms * MS)
+    )
     gaze: Source[GazeSample] | None = None
     if recording is not None:
         gaze = GazePlayer(recording, loop=config.loop)
