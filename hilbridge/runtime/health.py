@@ -52,6 +52,11 @@ def gaze_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None, *, li
     return SensorSeen("gaze", alive, captured_ns, None, max(limit_ns - TICK_NS, limit_ns // 2) if live else limit_ns)
 
 
+def hands_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None) -> SensorSeen:
+    """A hand detector that can die or hang, by the newest picture that it answered."""
+    return SensorSeen("hands", alive, captured_ns, None, limits.camera_timeout_ms * MS)
+
+
 def sensor_problem(sensor: SensorSeen, now_ns: int) -> str | None:
     """Why this source cannot be believed now, or None: gone, silent for too long, or showing the same picture.
 

@@ -102,6 +102,7 @@ class LiveBridge:
         loop = asyncio.get_running_loop()
         self.senses.vision.on_vector = lambda: _call_on(loop, self._new_features.set)
         self.senses.vision.on_look = self._note_look
+        self.senses.vision.on_event = lambda text: _call_on(loop, lambda: self._note_event(text))
         if self.senses.gaze is not None:
             self.senses.gaze.on_value = self._note_gaze
             self.senses.gaze.on_event = lambda text: _call_on(loop, lambda: self._note_event(text))

@@ -12,7 +12,7 @@ from hilbridge.errors import InputError
 from hilbridge.limits import MS
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample
 from hilbridge.rows import ClockRow, SourceAccount
-from hilbridge.runtime.health import SensorSeen, camera_seen, gaze_seen
+from hilbridge.runtime.health import SensorSeen, camera_seen, gaze_seen, hands_seen
 from hilbridge.runtime.vision import FindsHands, VisionWorker
 from hilbridge.sensors.clock import DeviceClock
 from hilbridge.sensors.source import Source, SourceState
@@ -69,11 +69,13 @@ class Senses:
         config, vision = self._config, self.vision
         looks = self.camera.state is SourceState.RUNNING and vision.failure is None
         camera = camera_seen(config, looks, self.camera.last_captured_ns, vision.freeze.changed_ns)
-        if self.gaze is None:
-            return (camera,)
-        gaze = self.gaze
-        running = gaze.state is SourceState.RUNNING
-        return (camera, gaze_seen(config, running, gaze.last_captured_ns, live=gaze.live))
+        seen, gaze = [camera], self.gaze
+        if gaze is not None:
+            running = gaze.state is SourceState.RUNNING
+            seen.append(gaze_seen(config, running, gaze.last_captured_ns, live=gaze.live))
+        if vision.hands_alive is not None:
+            seen.append(hands_seen(config, vision.hands_alive, vision.hands_ns))
+        return tuple(seen)
 
     def clocks(self, now_ns: int) -> tuple[ClockRow, ...]:
         """What is known of the clocks of devices that have their own."""
@@ -131,9 +133,10 @@ def open_senses(config: SensorsConfig) -> Senses:
             raise InputError(f"{error}, or give --no-hands") from None
 
     def find_hands() -> FindsHands:
-        from hilbridge.sensors.hands import HandDetector
+        from hilbridge.sensors.hands import open_detector
+        from hilbridge.sensors.hands_apart import HandsApart
 
-        return HandDetector(model, sha256=config.hand_model_sha256)
+        return HandsApart(open_detector, model, config.hand_model_sha256)
 
     camera = CameraSource(
         config.camera, loop=config.loop, fps=config.camera_fps, latency_ns=round(config.camera_latency_ms * MS)

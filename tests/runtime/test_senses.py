@@ -158,3 +158,14 @@ def test_the_configuration_opens_a_live_eye_tracker() -> None:
     assert tracker.name == "gaze udp:45981"
     tracker.start()
     tracker.stop()
+
+
+def test_a_hand_detector_that_can_die_is_judged_like_a_sensor() -> None:
+    world = World()
+    vision = world.senses.vision
+    vision.hands_alive, vision.hands_ns = True, None
+    assert world.problem() == "hands has not delivered yet"
+    vision.hands_ns = 1000 * MS
+    assert world.problem() is None
+    vision.hands_alive = False
+    assert world.problem() == "hands is gone"

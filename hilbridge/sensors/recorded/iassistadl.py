@@ -120,8 +120,8 @@ def _gaze(path: Path) -> tuple[Stream, int]:
     has_processed = _PROCESSED in names
     if not rows:
         raise InputError(f"gaze {path}: no row could be read ({bad} bad); copy the recording again")
-    x, y, seen, processed = (np.array(column) for column in zip(*rows, strict=True))
-    points = np.column_stack([x / SCENE_WIDTH_PX, y / SCENE_HEIGHT_PX])
+    xs, ys, seen, processed = (np.array(column) for column in zip(*rows, strict=True))
+    points = np.column_stack([xs / SCENE_WIDTH_PX, ys / SCENE_HEIGHT_PX])
     return _stream("gaze", seen, processed if has_processed else None, points), bad
 
 
