@@ -77,8 +77,7 @@ def doctor(
     as_json: Json = False,
 ) -> None:
     """Say what is well, what is not, and the command that mends it. Exit code 1 where something needed is ill."""
-    from hilbridge.bus.port.options import parse_options
-    from hilbridge.config import load_config
+    from hilbridge.config import load_config, parse_options
     from hilbridge.doctor import Verdict, examine, worst
     from hilbridge.terminal import print_findings
 

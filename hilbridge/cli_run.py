@@ -82,7 +82,7 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run the bridge on a camera and an eye tracker (live or recorded) until they end or Ctrl-C."""
-    from hilbridge.bus.port.options import parse_options
+    from hilbridge.config import parse_options
     from hilbridge.labels.live import MarkOptions
     from hilbridge.labels.marks import keys_of
     from hilbridge.run import RunOptions

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import difflib
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -155,6 +156,24 @@ def load_config(path: Path | None, overrides: dict[str, dict[str, object]] | Non
         return Config.model_validate(data)
     except ValidationError as error:
         raise InputError(f"config {name}: {_one_line(error)}") from None
+
+
+def parse_options(texts: Iterable[str]) -> dict[str, Any]:
+    """KEY=VALUE each, a value as in TOML, else a word. Raises InputError."""
+    options: dict[str, Any] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals or not key.isidentifier():
+            raise InputError(f"--bus-option {text!r}: write KEY=VALUE, such as bitrate=500000")
+        options[key] = _toml_value(value)
+    return options
+
+
+def _toml_value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, KeyError):
+        return text
 
 
 def _over(file: object, given: object) -> object:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from typing import Any
 
 from hilbridge.bus.port.spec import BusSpec, BusUnavailable
-from hilbridge.errors import InputError
 
 _SIMULATED = ("bitrate", "data_bitrate")
 _NOT_HERE = {
@@ -16,24 +14,6 @@ _NOT_HERE = {
     # Its own frames look like another bridge's, and the device latches.
     "receive_own_messages": "a node must not hear itself",
 }
-
-
-def parse_options(texts: Iterable[str]) -> dict[str, Any]:
-    """KEY=VALUE each, a value as in TOML, else a word. Raises InputError."""
-    options: dict[str, Any] = {}
-    for text in texts:
-        key, equals, value = text.partition("=")
-        if not equals or not key.isidentifier():
-            raise InputError(f"--bus-option {text!r}: write KEY=VALUE, such as bitrate=500000")
-        options[key] = _value(value)
-    return options
-
-
-def _value(text: str) -> Any:
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except (tomllib.TOMLDecodeError, KeyError):
-        return text
 
 
 def checked_options(spec: BusSpec, options: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,9 +7,9 @@ from typing import Any
 import can
 import pytest
 
-from hilbridge.bus.port.options import checked_options, parse_options
+from hilbridge.bus.port.options import checked_options
 from hilbridge.bus.port.spec import BusUnavailable, parse_spec
-from hilbridge.config import BusConfig
+from hilbridge.config import BusConfig, parse_options
 from hilbridge.errors import InputError
 from hilbridge.runtime.assemble import open_port
 
