@@ -197,9 +197,8 @@ class Campaign:
         self._done += 1
         if case.mutant.key == CONTROL:
             if verdict != "survived":
-                print(
-                    f"control {case.target} as {case.mutant.place}: {verdict} {killer}", file=sys.__stderr__, flush=True
-                )
+                text = f"control {case.target} as {case.mutant.place}: {verdict} {killer}"
+                print(text, file=sys.__stderr__, flush=True)
             self.controls[verdict] = self.controls.get(verdict, 0) + 1
         else:
             self.verdicts.setdefault(verdict, []).append((case.target, case.mutant.key))
@@ -265,7 +264,11 @@ _OPTIONS = (
 def campaign(cases: list[Case], say: bool) -> Verdicts:
     """Run them all."""
     import pytest
+    from hypothesis import Phase, settings
 
+    # A failure is all that is asked for: to look for its smallest example takes longer than the tests themselves.
+    settings.register_profile("mutation", phases=(Phase.explicit, Phase.generate), database=None, print_blob=False)
+    settings.load_profile("mutation")
     plugin = Campaign(cases, say)
     os.chdir(ROOT)
     paths = sorted({test.split("::")[0] for case in cases for test in case.tests})
@@ -310,7 +313,7 @@ def _cases(everything: dict[str, list[Mutant]], argued: dict[str, dict[str, str]
 
 
 def run(scale: Scale) -> list[Row]:
-    """The full run takes about a quarter of an hour on two processors; the quick one does a seeded handful."""
+    """The full run takes about half an hour on two processors; the quick one does a seeded handful."""
     targets = scale.files or tuple(TARGETS)
     everything = {target: list(mutants((ROOT / target).read_text())) for target in targets}
     argued: dict[str, dict[str, str]] = json.loads(EQUIVALENT.read_text())
@@ -322,9 +325,8 @@ def run(scale: Scale) -> list[Row]:
     unargued = [(target, key) for target, key in survived if key not in argued.get(target, {})]
     keys = {target: {mutant.key for mutant in found} for target, found in everything.items()}
     stale = [(t, k) for t, listed in argued.items() if t in keys for k in listed if k not in keys[t]]
-    survived_keys = set(survived)
     listed = [(t, k) for t, d in argued.items() if t in keys for k in d]
-    refuted = [] if scale.quick else [entry for entry in listed if entry not in survived_keys]
+    refuted = [] if scale.quick else [entry for entry in listed if entry not in set(survived)]
     for target, key in unargued:
         print(f"survived, not argued: {target} {key}", file=sys.stderr)
     for target, key in stale + refuted:
