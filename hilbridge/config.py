@@ -51,6 +51,10 @@ class SensorsConfig(_Part):
     gaze_latency_ms: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
         0.0, description="age of a sample on arrival, where the sender gives no stamp (udp)"
     )
+    gaze_homography: list[float] | None = Field(
+        None, description="nine numbers, row by row: from 0..1 of the eye tracker's picture to 0..1 of the camera's"
+    )
+    gaze_same_camera: bool = Field(False, description="the camera shows the eye tracker's own scene picture")
     lsl: LslSection = LslSection()
     hands: bool = Field(True, description="find hands with MediaPipe (extra `hands`)")
     hand_model: str | None = Field(None, description="hand_landmarker.task; default: the user's data folder")

@@ -6,9 +6,11 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 from hilbridge.config import SensorsConfig
 from hilbridge.errors import InputError
+from hilbridge.features.plane import homography_of
 from hilbridge.limits import MS
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample
 from hilbridge.rows import ClockRow, SourceAccount
@@ -113,6 +115,26 @@ def open_tracker(config: SensorsConfig) -> LiveGaze:
     return open_live_gaze(config.gaze, LslChannels(**config.lsl.model_dump()), round(config.gaze_latency_ms * MS))
 
 
+def _host_of(url: str) -> str | None:
+    try:
+        return urlsplit(url).hostname
+    except ValueError:  # brackets of an address that is none
+        return None
+
+
+def _refuse_to_guess(config: SensorsConfig) -> None:
+    """Gaze of a Neon is of its own scene camera. In another camera's picture it would point at the wrong thing."""
+    kind, _, host = (config.gaze or "").partition(":")
+    if kind != "neon" or config.gaze_homography is not None or config.gaze_same_camera:
+        return
+    host = host.partition(":")[0]
+    if not host or _host_of(config.camera or "") != host:
+        raise InputError(
+            f"gaze {config.gaze}: is of the glasses' own scene camera, and nothing says that --camera {config.camera} shows "
+            "its picture; set gaze_same_camera = true or gaze_homography in [sensors] (docs/live-gaze.md)"
+        )
+
+
 def open_senses(config: SensorsConfig) -> Senses:
     """Open what the configuration names. Raises InputError naming the first thing that is not there, and the cure."""
     from hilbridge.sensors.camera import CameraSource
@@ -123,6 +145,8 @@ def open_senses(config: SensorsConfig) -> Senses:
     if config.camera is None:
         raise InputError("no camera is given; add --camera INDEX|FILE|URL (or [sensors] camera in bridge.toml)")
     # Cheap checks first: nothing is started, and no device taken, for a run that cannot begin.
+    plane = None if config.gaze_homography is None else homography_of(config.gaze_homography)
+    _refuse_to_guess(config)
     live = config.gaze is not None and is_live(config.gaze)
     recording = open_gaze(Path(config.gaze)) if config.gaze is not None and not live else None
     model = Path(config.hand_model) if config.hand_model is not None else hand_model_path()
@@ -146,4 +170,6 @@ def open_senses(config: SensorsConfig) -> Senses:
         gaze = GazePlayer(recording, loop=config.loop)
     elif config.gaze is not None:
         gaze = open_tracker(config)
+    if gaze is not None and plane is not None:
+        gaze.adjust = plane.sample
     return Senses(camera, gaze, find_hands if config.hands else None, camera_fps=camera.fps, config=config)

@@ -8,10 +8,12 @@ import pytest
 
 from hilbridge.config import SensorsConfig
 from hilbridge.errors import InputError
+from hilbridge.features.plane import homography_of
 from hilbridge.limits import MS
+from hilbridge.records import GazeSample
 from hilbridge.rows import decode, encode
 from hilbridge.runtime.health import first_problem
-from hilbridge.runtime.senses import Senses, open_tracker
+from hilbridge.runtime.senses import Senses, _refuse_to_guess, open_tracker
 from hilbridge.sensors.clock import DeviceClock, Probe
 from hilbridge.sensors.source import Source, SourceState
 
@@ -169,3 +171,33 @@ def test_a_hand_detector_that_can_die_is_judged_like_a_sensor() -> None:
     assert world.problem() is None
     vision.hands_alive = False
     assert world.problem() == "hands is gone"
+
+
+@pytest.mark.parametrize(
+    ("camera", "gaze", "sure"),
+    [
+        ("0", "neon:", False),
+        ("0", "neon:10.0.0.2", False),
+        ("rtsp://[", "neon:10.0.0.2", False),
+        ("rtsp://10.0.0.3:8086/?camera=world", "neon:10.0.0.2:8080", False),
+        ("rtsp://10.0.0.20:8086/?camera=world", "neon:10.0.0.2:8080", False),
+        ("rtsp://10.0.0.2:8086/?camera=world", "neon:10.0.0.2:8080", True),
+        ("0", "lsl:Gaze", True),
+        ("0", None, True),
+    ],
+)
+def test_gaze_of_another_camera_is_not_guessed_at(camera: str, gaze: str | None, sure: bool) -> None:
+    config = SensorsConfig(camera=camera, gaze=gaze)
+    if sure:
+        _refuse_to_guess(config)
+        return
+    with pytest.raises(InputError, match="gaze_same_camera"):
+        _refuse_to_guess(config)
+    _refuse_to_guess(config.model_copy(update={"gaze_same_camera": True}))
+
+
+def test_gaze_is_carried_before_it_is_handed_on() -> None:
+    told = Told("gaze", [])
+    told.adjust = homography_of([0.5, 0, 0.25, 0, 0.5, 0.25, 0, 0, 1]).sample
+    told._deliver(GazeSample(5, 0.0, 1.0, True), 5)
+    assert told.cell.take() == GazeSample(5, 0.25, 0.75, True)

@@ -65,7 +65,7 @@ class LiveGaze(Source[GazeSample]):
         self.say(why or (f"clock known to {self._bound_ms(now_ns):.0f} ms only, masked" if masked else "gaze comes"))
         if why is not None:
             self.lose(why)
-        sample = GazeSample(captured_ns, x, y, good and inside, stamp)
+        sample = self.adjust(GazeSample(captured_ns, x, y, good and inside, stamp))
         self.cell.put(sample)
         self.on_value(sample)
 
