@@ -52,6 +52,7 @@ Json = Annotated[bool, typer.Option("--json", help="print one JSON object instea
 def register(app: typer.Typer) -> None:
     """Add it to the command line."""
     app.command()(run)
+    app.command()(check)
 
 
 def run(
@@ -97,6 +98,44 @@ def run(
     }
     asked = RunOptions("", seconds, clear_latch=clear_latch, marks=MarkOptions(keys_of(mark or []), mark_lsl))
     print_or_json(_run(config, given, asked, out, force=force, quiet=as_json), as_json)
+
+
+def check(
+    camera: Camera = None,
+    gaze: Gaze = None,
+    camera_fps: CameraFps = None,
+    config: ConfigFile = None,
+    seconds: Annotated[float, typer.Option(min=1.0, help="how long to look")] = 10.0,
+    hands: Hands = None,
+    png: Annotated[Path, typer.Option(help="the last picture with gaze and hands")] = Path("check.png"),
+    as_json: Json = False,
+) -> None:
+    """Look through camera, eye tracker and hand detector before a session. Exit code 1 where something is ill."""
+    import json
+
+    from hilbridge.check import draw, judge, look
+    from hilbridge.config import load_config
+    from hilbridge.doctor import Verdict, worst
+    from hilbridge.runtime.senses import open_senses
+    from hilbridge.terminal import print_findings
+
+    given: dict[str, dict[str, object]] = {
+        "sensors": {"camera": camera, "camera_fps": camera_fps, "gaze": gaze, "hands": hands}
+    }
+    sensors = load_config(config, given).sensors
+    seen = look(open_senses(sensors), seconds, lambda line: None if as_json else typer.echo(line))
+    findings = judge(seen, with_gaze=sensors.gaze is not None, with_hands=sensors.hands)
+    drawn = draw(seen, png)
+    if as_json:
+        told = [{"subject": f.subject, "verdict": f.verdict, "text": f.text, "cure": f.cure} for f in findings]
+        typer.echo(json.dumps({"findings": told, "png": str(png) if drawn else None, "events": seen.events}))
+    else:
+        for text in seen.events:
+            typer.echo(text)
+        print_findings(findings)
+        typer.echo(f"picture: {png}" if drawn else "no picture to draw")
+    if worst(findings) is Verdict.ILL:
+        raise typer.Exit(1)
 
 
 def _run(
