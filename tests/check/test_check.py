@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+import hilbridge.sensors.camera  # noqa: F401  OpenCV asks once, at its first video, how loud FFmpeg may be
 from hilbridge import cli
 from hilbridge.check import Seen, judge
 from hilbridge.doctor_sensors import Verdict

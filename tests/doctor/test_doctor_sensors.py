@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+import hilbridge.sensors.camera  # noqa: F401  OpenCV asks once, at its first video, how loud FFmpeg may be
 from hilbridge.doctor_sensors import Verdict, check_camera, check_gaze, judge_camera, judge_tracker
 from hilbridge.limits import MS
 from hilbridge.records import GazeSample

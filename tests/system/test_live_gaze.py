@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
+import hilbridge.sensors.camera  # noqa: F401  OpenCV asks once, at its first video, how loud FFmpeg may be
 from hilbridge.observe.reading import read_recording
 from hilbridge.rows import ClockRow, EventRow, TickRow
 
