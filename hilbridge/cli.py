@@ -12,7 +12,18 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from hilbridge import cli_bus, cli_exchange, cli_learning, cli_record, cli_run
-from hilbridge.cli_run import BundleFile, Bus, Camera, Force, Gaze, Json, RunFolder, print_or_json
+from hilbridge.cli_run import (
+    BundleFile,
+    Bus,
+    BusOption,
+    Camera,
+    ConfigFile,
+    Force,
+    Gaze,
+    Json,
+    RunFolder,
+    print_or_json,
+)
 from hilbridge.guard import run_guarded
 
 if TYPE_CHECKING:
@@ -58,16 +69,25 @@ def demo(
 @app.command()
 def doctor(
     bus: Bus = None,
+    bus_option: BusOption = None,
     camera: Camera = None,
     gaze: Gaze = None,
     bundle: BundleFile = None,
+    config: ConfigFile = None,
     as_json: Json = False,
 ) -> None:
     """Say what is well, what is not, and the command that mends it. Exit code 1 where something needed is ill."""
+    from hilbridge.config import load_config, parse_options
     from hilbridge.doctor import Verdict, examine, worst
     from hilbridge.terminal import print_findings
 
-    findings = examine(bus=bus, camera=camera, gaze=gaze, bundle=bundle)
+    given: dict[str, dict[str, object]] = {
+        "sensors": {"camera": camera, "gaze": gaze},
+        "bus": {"spec": bus, "options": parse_options(bus_option) if bus_option else None},
+        "model": {"bundle": None if bundle is None else str(bundle)},
+    }
+    settings = load_config(config, given)
+    findings = examine(settings, look_at_bus=bus is not None or config is not None)
     if as_json:
         _print_json([{"subject": f.subject, "verdict": f.verdict, "text": f.text, "cure": f.cure} for f in findings])
     else:

@@ -13,11 +13,14 @@ if TYPE_CHECKING:
 
 Flag = bool | None  # None leaves it to the configuration
 Camera = Annotated[str | None, typer.Option(help="device index, video file, or rtsp:// URL")]
-Gaze = Annotated[str | None, typer.Option(help="Neon recording folder, BeGaze .txt, or .csv")]
+Gaze = Annotated[str | None, typer.Option(help="neon:[HOST], lsl:STREAM, udp:PORT; or Neon folder, BeGaze .txt, .csv")]
 CameraFps = Annotated[
     float | None, typer.Option(help="ask the camera for this rate, or play a file at it; ticks lock to 25")
 ]
 Bus = Annotated[str | None, typer.Option("--bus", help="auto, vcan0, can0, or any python-can interface:channel")]
+BusOption = Annotated[
+    list[str] | None, typer.Option(metavar="KEY=VALUE", help="for the interface, such as bitrate=500000; many times")
+]
 ConfigFile = Annotated[Path | None, typer.Option("--config", help="bridge.toml; the command line wins over it")]
 BundleFile = Annotated[Path | None, typer.Option("--bundle", help="model bundle; default: the one that ships")]
 Seconds = Annotated[float | None, typer.Option(min=0.1, help="stop after so long; default: at the end")]
@@ -49,6 +52,7 @@ Json = Annotated[bool, typer.Option("--json", help="print one JSON object instea
 def register(app: typer.Typer) -> None:
     """Add it to the command line."""
     app.command()(run)
+    app.command()(check)
 
 
 def run(
@@ -56,6 +60,7 @@ def run(
     gaze: Gaze = None,
     camera_fps: CameraFps = None,
     bus: Bus = None,
+    bus_option: BusOption = None,
     bundle: BundleFile = None,
     config: ConfigFile = None,
     seconds: Seconds = None,
@@ -78,19 +83,59 @@ def run(
     as_json: Json = False,
 ) -> None:
     """Run the bridge on a camera and an eye tracker (live or recorded) until they end or Ctrl-C."""
+    from hilbridge.config import parse_options
     from hilbridge.labels.live import MarkOptions
     from hilbridge.labels.marks import keys_of
     from hilbridge.run import RunOptions
 
     given: dict[str, dict[str, object]] = {
         "sensors": {"camera": camera, "camera_fps": camera_fps, "gaze": gaze, "hands": hands, "loop": loop},
-        "bus": {"spec": bus, "key_file": _text(key_file), "listen_only": listen_only, "arm": arm},
+        "bus": {"spec": bus, "key_file": _text(key_file), "listen_only": listen_only, "arm": arm}
+        | {"options": parse_options(bus_option) if bus_option else None},
         "model": {"bundle": _text(bundle)},
         "recording": {"video": video, "rotate_mb": rotate_mb, "rotate_minutes": rotate_minutes, "retain_days": retain}
         | {"participant": participant, "blur_faces": blur_faces},
     }
     asked = RunOptions("", seconds, clear_latch=clear_latch, marks=MarkOptions(keys_of(mark or []), mark_lsl))
     print_or_json(_run(config, given, asked, out, force=force, quiet=as_json), as_json)
+
+
+def check(
+    camera: Camera = None,
+    gaze: Gaze = None,
+    camera_fps: CameraFps = None,
+    config: ConfigFile = None,
+    seconds: Annotated[float, typer.Option(min=1.0, help="how long to look")] = 10.0,
+    hands: Hands = None,
+    png: Annotated[Path, typer.Option(help="the last picture with gaze and hands")] = Path("check.png"),
+    as_json: Json = False,
+) -> None:
+    """Look through camera, eye tracker and hand detector before a session. Exit code 1 where something is ill."""
+    import json
+
+    from hilbridge.check import draw, judge, look
+    from hilbridge.config import load_config
+    from hilbridge.doctor import Verdict, worst
+    from hilbridge.runtime.senses import open_senses
+    from hilbridge.terminal import print_findings
+
+    given: dict[str, dict[str, object]] = {
+        "sensors": {"camera": camera, "camera_fps": camera_fps, "gaze": gaze, "hands": hands}
+    }
+    sensors = load_config(config, given).sensors
+    seen = look(open_senses(sensors), seconds, lambda line: None if as_json else typer.echo(line))
+    findings = judge(seen, with_gaze=sensors.gaze is not None, with_hands=sensors.hands)
+    drawn = draw(seen, png)
+    if as_json:
+        told = [{"subject": f.subject, "verdict": f.verdict, "text": f.text, "cure": f.cure} for f in findings]
+        typer.echo(json.dumps({"findings": told, "png": str(png) if drawn else None, "events": seen.events}))
+    else:
+        for text in seen.events:
+            typer.echo(text)
+        print_findings(findings)
+        typer.echo(f"picture: {png}" if drawn else "no picture to draw")
+    if worst(findings) is Verdict.ILL:
+        raise typer.Exit(1)
 
 
 def _run(

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 import difflib
 import tomllib
+from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -21,6 +22,19 @@ class _Part(BaseModel):
     model_config = ConfigDict(frozen=True, extra="forbid", strict=True)
 
 
+class LslSection(_Part):
+    """Which channel of a Lab Streaming Layer gaze stream holds what, by its number or its label."""
+
+    x: Annotated[int, Field(ge=0)] | str = 0
+    y: Annotated[int, Field(ge=0)] | str = 1
+    width: Annotated[float, Field(gt=0.0, description="x is divided by it: pixels of the scene picture, or 1")] = 1.0
+    height: Annotated[float, Field(gt=0.0, description="y is divided by it")] = 1.0
+    y_up: bool = Field(False, description="y counts from below, as in Pupil Core's norm_pos")
+    valid: Annotated[int, Field(ge=0)] | str | None = Field(None, description="channel of validity or confidence")
+    valid_from: float = Field(0.5, description="gaze is valid where that channel is at least so much")
+    worn: Annotated[int, Field(ge=0)] | str | None = Field(None, description="channel above 0 while worn")
+
+
 class SensorsConfig(_Part):
     """Where pictures and gaze come from, and how long each may be silent before the bridge holds."""
 
@@ -28,7 +42,20 @@ class SensorsConfig(_Part):
     camera_fps: Annotated[float, Field(ge=1.0, le=240.0)] | None = Field(
         None, description="rate to ask a camera for, or to play a file at; default: its own"
     )
-    gaze: str | None = Field(None, description="Neon recording folder, BeGaze .txt, or .csv")
+    camera_latency_ms: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
+        0.0, description="age of a picture on arrival (exposure, transfer), where its driver gives no stamp"
+    )
+    gaze: str | None = Field(
+        None, description="neon:[HOST], lsl:STREAM, udp:PORT; or a Neon recording folder, BeGaze .txt, or .csv"
+    )
+    gaze_latency_ms: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
+        0.0, description="age of a sample on arrival, where the sender gives no stamp (udp)"
+    )
+    gaze_homography: list[float] | None = Field(
+        None, description="nine numbers, row by row: from 0..1 of the eye tracker's picture to 0..1 of the camera's"
+    )
+    gaze_same_camera: bool = Field(False, description="the camera shows the eye tracker's own scene picture")
+    lsl: LslSection = LslSection()
     hands: bool = Field(True, description="find hands with MediaPipe (extra `hands`)")
     hand_model: str | None = Field(None, description="hand_landmarker.task; default: the user's data folder")
     hand_model_sha256: str | None = Field(
@@ -69,6 +96,7 @@ class BusConfig(_Part):
     """The bus. On a physical bus the bridge listens only until `arm` is set."""
 
     spec: str = Field("auto", description="auto, vcan0, can0, or any python-can interface:channel")
+    options: dict[str, Any] = Field({}, description="go to python-can as they are: bitrate, can_filters, fd ...")
     dbc: str | None = Field(None, description="DBC file; default: the one that ships")
     key_file: str | None = Field(
         None, description="16-byte key as hex, mode 0600; default: the demo key (virtual only)"
@@ -127,11 +155,34 @@ def load_config(path: Path | None, overrides: dict[str, dict[str, object]] | Non
         given = {key: value for key, value in values.items() if value is not None}
         table = data.get(section, {})
         if given and isinstance(table, dict):
-            data[section] = {**table, **given}
+            data[section] = {**table, **{key: _over(table.get(key), value) for key, value in given.items()}}
     try:
         return Config.model_validate(data)
     except ValidationError as error:
         raise InputError(f"config {name}: {_one_line(error)}") from None
+
+
+def parse_options(texts: Iterable[str]) -> dict[str, Any]:
+    """KEY=VALUE each, a value as in TOML, else a word. Raises InputError."""
+    options: dict[str, Any] = {}
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals or not key.isidentifier():
+            raise InputError(f"--bus-option {text!r}: write KEY=VALUE, such as bitrate=500000")
+        options[key] = _toml_value(value)
+    return options
+
+
+def _toml_value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except (tomllib.TOMLDecodeError, KeyError):
+        return text
+
+
+def _over(file: object, given: object) -> object:
+    """What is given over what the file has; of a table key by key."""
+    return {**file, **given} if isinstance(file, dict) and isinstance(given, dict) else given
 
 
 def _one_line(error: ValidationError) -> str:

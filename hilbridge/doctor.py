@@ -10,14 +10,19 @@ import statistics
 import sys
 import time
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import TYPE_CHECKING, Any
 
 from hilbridge.doctor_sensors import Finding, Verdict, check_camera, check_gaze, tried
 from hilbridge.errors import InputError
 from hilbridge.lease import run_leased
 from hilbridge.priority import Level
 from hilbridge.records import Frame
+
+if TYPE_CHECKING:
+    from hilbridge.config import Config
+    from hilbridge.sensors.live.lsl import LslChannels
 
 __all__ = ["Finding", "Verdict", "examine", "worst"]
 
@@ -113,10 +118,12 @@ def check_realtime() -> Finding:
     return Finding("real time", Verdict.NOTE, f"rtprio limit is {limit}", cure)
 
 
-async def _hear(spec: str, seconds: float) -> list[Finding]:
+async def _hear(spec: str, options: Mapping[str, Any], seconds: float) -> list[Finding]:
     """Listen on a bus without sending, and say who is there."""
     from hilbridge.bus.diagnosis import Severity, diagnose, known_messages, observation_of
     from hilbridge.bus.port.asyncio_port import BusPort
+    from hilbridge.bus.port.options import checked_options
+    from hilbridge.bus.port.spec import parse_spec
     from hilbridge.core.bridge import Bridge, BridgeConfig
     from hilbridge.wire.codec import Codec, Decoded
     from hilbridge.wire.keys import DEMO_KEY
@@ -127,7 +134,8 @@ async def _hear(spec: str, seconds: float) -> list[Finding]:
     listener = Bridge(wire, Authenticator(DEMO_KEY), lambda: 0, BridgeConfig(arm=False, listen_only=True), dict)
     names: Counter[str] = Counter()
     frames: list[Frame] = []
-    async with BusPort.open(spec, listen_only=True) as port:
+    sound = checked_options(parse_spec(spec), options)
+    async with BusPort.open(spec, listen_only=True, **sound) as port:
         end_s = time.monotonic() + seconds
         while (left_s := end_s - time.monotonic()) > 0:
             try:
@@ -168,20 +176,30 @@ async def _hear(spec: str, seconds: float) -> list[Finding]:
     return findings
 
 
-def check_bus(spec: str, seconds: float = 2.5) -> list[Finding]:
+def _channels(settings: Config) -> LslChannels:
+    from hilbridge.sensors.live.lsl import LslChannels
+
+    return LslChannels(**settings.sensors.lsl.model_dump())
+
+
+def check_bus(spec: str, options: Mapping[str, Any] | None = None, seconds: float = 2.5) -> list[Finding]:
     """Bus state and who speaks on it, listening only. The device's DIAG counters take a second each to come round."""
     try:
-        return asyncio.run(_hear(spec, seconds))
+        return asyncio.run(_hear(spec, options or {}, seconds))
     except InputError as error:
         text, _, cure = str(error).partition("; ")
         return [Finding("bus", Verdict.ILL, text, cure)]
 
 
-def examine(bus: str | None, camera: str | None, gaze: str | None, bundle: Path | None) -> list[Finding]:
-    """Everything, in the order in which a newcomer needs it. The bus is only looked at when one is named."""
+def examine(settings: Config, *, look_at_bus: bool) -> list[Finding]:
+    """Everything, in the order in which a newcomer needs it."""
+    bundle = None if settings.model.bundle is None else Path(settings.model.bundle)
     findings = [check_python(), *check_packages(), check_bundle(bundle), check_hand_model(), check_controller()]
-    findings += [check_camera(camera), check_gaze(gaze)]
-    findings += check_bus(bus) if bus else [Finding("bus", Verdict.NOTE, "none given", "hilbridge doctor --bus auto")]
+    findings += [check_camera(settings.sensors.camera), check_gaze(settings.sensors.gaze, _channels(settings))]
+    if look_at_bus:
+        findings += check_bus(settings.bus.spec, settings.bus.options)
+    else:
+        findings.append(Finding("bus", Verdict.NOTE, "none given", "hilbridge doctor --bus auto"))
     return [*findings, check_clock(), check_realtime()]
 
 

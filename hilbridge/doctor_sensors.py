@@ -10,10 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hilbridge.errors import InputError
+from hilbridge.limits import MS
+from hilbridge.sensors.clock import BOUND_LIMIT_NS
 from hilbridge.sensors.source import SourceState
 
 if TYPE_CHECKING:
+    from hilbridge.records import GazeSample
     from hilbridge.sensors.gaze import GazeRecording
+    from hilbridge.sensors.live.base import LiveGaze
+    from hilbridge.sensors.live.lsl import LslChannels
 
 # docs/configuration.md has these with their reasons.
 LEAST_CAMERA_FPS = 10.0  # below, the newest picture is older than the sensing limit leaves room for
@@ -87,13 +92,62 @@ def judge_camera(size: str, said_fps: float, pictures: int, seconds: float, *, e
     return Finding("camera", Verdict.WELL, text)
 
 
-def check_gaze(spec: str | None) -> Finding:
-    """Reads the gaze recording and judges it."""
+def check_gaze(spec: str | None, channels: LslChannels | None = None) -> Finding:
+    """Reads the gaze recording, or listens to the eye tracker, and judges it."""
     from hilbridge.sensors.gaze import open_gaze
+    from hilbridge.sensors.live.lsl import LslChannels
+    from hilbridge.sensors.live.spec import is_live
 
     if spec is None:
         return Finding("gaze", Verdict.NOTE, "none given", "hilbridge doctor --gaze FOLDER")
+    if is_live(spec):
+        return tried("gaze", lambda: judge_tracker(*_listen(spec, channels or LslChannels())))
     return tried("gaze", lambda: judge_gaze(spec, open_gaze(Path(spec))))
+
+
+def _listen(spec: str, channels: LslChannels) -> tuple[LiveGaze, list[GazeSample], float]:
+    """A live eye tracker's samples over a while, and its length in seconds from the first."""
+    from hilbridge.sensors.live.spec import open_live_gaze
+
+    source = open_live_gaze(spec, channels, 0)
+    samples: list[GazeSample] = []
+    source.on_value = samples.append
+    source.start()
+    begin_s = time.monotonic()
+    while not samples and time.monotonic() - begin_s < 2 * _LISTEN_S:
+        time.sleep(0.05)
+    began_s = time.monotonic()
+    time.sleep(_LISTEN_S if samples else 0.0)
+    seconds = time.monotonic() - began_s
+    said = source.state, source.detail
+    source.stop()
+    source.state, source.detail = said
+    return source, samples, seconds
+
+
+def judge_tracker(source: LiveGaze, samples: list[GazeSample], seconds: float) -> Finding:
+    """What a live eye tracker is worth: its rate, its valid share, and how well its clock is known."""
+    if len(samples) < 2:
+        why = source.detail or "nothing comes"
+        return Finding("gaze", Verdict.ILL, f"{source.name}: {why}", "is it worn, calibrated and streaming?")
+    rate_hz, valid = len(samples) / seconds, sum(sample.valid for sample in samples) / len(samples)
+    text = f"{source.name}: {len(samples)} samples in {seconds:.1f} s ({rate_hz:.3g} a second), {valid:.0%} valid"
+    fit = None if source.clock is None else source.clock.fit
+    if fit is not None:
+        bound_ms = fit.bound_ns(fit.newest_ns) / MS
+        text += f"; clock known to {bound_ms:.1f} ms (residual {fit.residual_ns / MS:.2f} ms, {fit.drift_ppm:+.0f} ppm)"
+        if bound_ms > BOUND_LIMIT_NS / MS:
+            cure = "bring the phone nearer to the access point, or connect both by cable"
+            return Finding("gaze", Verdict.ILL, f"{text}; 10 ms are needed", cure)
+    else:
+        text += "; stamped on arrival"
+    if source.state is not SourceState.RUNNING:
+        return Finding("gaze", Verdict.ILL, f"{text}; {source.detail}", "put the glasses on, look at the phone's app")
+    if rate_hz < LEAST_GAZE_HZ:
+        return Finding("gaze", Verdict.ILL, f"{text}; {LEAST_GAZE_HZ:g} a second are needed", "a better network")
+    if valid < LEAST_VALID:
+        return Finding("gaze", Verdict.ILL, f"{text}; {LEAST_VALID:.0%} must be valid", "check its fit and calibration")
+    return Finding("gaze", Verdict.WELL, text)
 
 
 def judge_gaze(spec: str, recording: GazeRecording) -> Finding:
@@ -105,6 +159,7 @@ def judge_gaze(spec: str, recording: GazeRecording) -> Finding:
     text = (
         f"{spec}: {recording.format}, {count} samples in {seconds:.3g} s ({rate_hz:.4g} a second), "
         f"{valid:.0%} valid, {recording.bad_rows} bad rows"
+        f"{''.join(f'; {note}' for note in recording.notes)}"
     )
     if bad > MOST_BAD_ROWS:
         cure = "export the recording again; look at the rows that cannot be read or go back in time"

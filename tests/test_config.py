@@ -29,12 +29,19 @@ def test_the_command_line_wins_over_the_file(tmp_path: Path) -> None:
     assert (config.bus.spec, config.gate.tau_on) == ("vcan0", 0.9)
 
 
+def test_bus_options_are_laid_over_key_by_key(tmp_path: Path) -> None:
+    path = written(tmp_path, "[bus]\noptions = { bitrate = 250000, fd = true }\n")
+    config = load_config(path, {"bus": {"options": {"bitrate": 500_000}}})
+    assert config.bus.options == {"bitrate": 500_000, "fd": True}
+    assert load_config(path, {"bus": {"options": None}}).bus.options["bitrate"] == 250_000
+
+
 @pytest.mark.parametrize(
     ("text", "said"),
     [
         ("[sensor]\n", "unknown key `sensor`; did you mean `sensors`?"),
         ("[sensors]\ncamra = '0'\n", "unknown key `sensors.camra`; did you mean `camera`?"),
-        ("[bus]\nzzz = 1\n", "unknown key `bus.zzz`; known here: spec, dbc"),
+        ("[bus]\nzzz = 1\n", "unknown key `bus.zzz`; known here: spec, options, dbc"),
         ("[gate]\ntau_on = 1.5\n", "`gate.tau_on` = 1.5"),
         ("[gate]\ntau_on = nan\n", "`gate.tau_on` = nan"),
         ("[gate]\ntau_on = 0.5\ntau_off = 0.5\n", "tau_off = 0.5 must be below tau_on = 0.5"),

@@ -10,6 +10,7 @@ from hilbridge.rows.decisions import BeliefRow, GroundTruth, TickRow, belief_row
 from hilbridge.rows.fields import Direction, Witness
 from hilbridge.rows.run import BundleRow, ConfigRow, CountersRow, EventRow, FaultRow, HostRow, LabelRow, MetaRow
 from hilbridge.rows.senses import (
+    ClockRow,
     FeaturesRow,
     GazeRow,
     HandFound,
@@ -36,6 +37,7 @@ __all__ = [
     "BeliefRow",
     "BundleRow",
     "CanRow",
+    "ClockRow",
     "ConfigRow",
     "CountersRow",
     "DeviceRow",

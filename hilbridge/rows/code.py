@@ -14,7 +14,7 @@ from hilbridge.rows.decisions import BeliefRow, TickRow
 from hilbridge.rows.fields import Direction
 from hilbridge.rows.run import BundleRow, ConfigRow, CountersRow, EventRow, FaultRow, HostRow, LabelRow, MetaRow
 from hilbridge.rows.schema import viewable
-from hilbridge.rows.senses import FeaturesRow, GazeRow, HandsRow, ImageRow, SceneRow, SensorsRow
+from hilbridge.rows.senses import ClockRow, FeaturesRow, GazeRow, HandsRow, ImageRow, SceneRow, SensorsRow
 
 FixedRow = (
     MetaRow
@@ -32,6 +32,7 @@ FixedRow = (
     | DeviceRow
     | FaultRow
     | SensorsRow
+    | ClockRow
     | CountersRow
     | EventRow
     | LabelRow

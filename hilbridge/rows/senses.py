@@ -140,6 +140,27 @@ class SensorsRow:
     sources: dict[str, SourceAccount]
 
 
+@dataclass(frozen=True, slots=True)
+class ClockRow:
+    """Once a second: how the clock of a device that has its own stands to this computer's."""
+
+    topic: ClassVar[str] = "/clocks"
+
+    time_ns: int
+    device: str
+    offset_ns: int
+    """This computer's monotonic clock minus the device's, at `time_ns`."""
+    drift_ppm: float
+    """How much faster than the device's this clock runs."""
+    residual_ms: float
+    """What the quickest probes leave over of it, root mean square."""
+    bound_ms: float
+    """How far a stamp that was carried over may be off; above 10 the modality is masked."""
+    probes: int
+    steps: int
+    """How often the device's clock was set."""
+
+
 def image_stamp(captured_ns: int) -> Stamp:
     """A time in the two parts that Foxglove has."""
     return Stamp(*divmod(captured_ns, 1_000_000_000))

@@ -10,6 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from hilbridge.bus.port.asyncio_port import BusPort
+from hilbridge.bus.port.options import checked_options
+from hilbridge.bus.port.spec import parse_spec
 from hilbridge.bus.port.state import PortState
 from hilbridge.config import BusConfig, Config, GateSection
 from hilbridge.core.bridge import Bridge, BridgeConfig
@@ -74,7 +76,8 @@ def gate_config(section: GateSection, bundle: Bundle) -> GateConfig:
 def open_port(config: BusConfig, on_change: Callable[[PortState], None] | None) -> BusPort:
     """The port the configuration names, not yet connected. `--arm` implies that the bridge may send."""
     listen_only = False if config.arm else config.listen_only
-    return BusPort.open(config.spec, listen_only=listen_only, on_change=on_change)
+    options = checked_options(parse_spec(config.spec), config.options)
+    return BusPort.open(config.spec, listen_only=listen_only, on_change=on_change, **options)
 
 
 def build_node(

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from hilbridge.config import SensorsConfig
-from hilbridge.limits import MS
+from hilbridge.limits import MS, TICK_NS
 from hilbridge.records import CameraFrame
 
 _PROBE_STEP_PX = 16  # every 16th pixel both ways: enough to tell two pictures apart, nothing to compute
@@ -43,9 +43,18 @@ def camera_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None, cha
     return SensorSeen("camera", alive, captured_ns, changed_ns, limits.camera_timeout_ms * MS, limits.freeze_ms * MS)
 
 
-def gaze_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None) -> SensorSeen:
-    """The eye tracker against its limits. Eyes may rest on one point, so equal samples say nothing."""
-    return SensorSeen("gaze", alive, captured_ns, None, limits.gaze_timeout_ms * MS)
+def gaze_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None, *, live: bool = False) -> SensorSeen:
+    """The eye tracker against its limits. Eyes may rest on one point, so equal samples say nothing.
+
+    A live one gives 60 samples a second or more, so it can be asked to hold *within* its limit: a tick's length less.
+    """
+    limit_ns = limits.gaze_timeout_ms * MS
+    return SensorSeen("gaze", alive, captured_ns, None, max(limit_ns - TICK_NS, limit_ns // 2) if live else limit_ns)
+
+
+def hands_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None) -> SensorSeen:
+    """A hand detector that can die or hang, by the newest picture that it answered."""
+    return SensorSeen("hands", alive, captured_ns, None, limits.camera_timeout_ms * MS)
 
 
 def sensor_problem(sensor: SensorSeen, now_ns: int) -> str | None:

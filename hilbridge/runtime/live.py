@@ -102,8 +102,10 @@ class LiveBridge:
         loop = asyncio.get_running_loop()
         self.senses.vision.on_vector = lambda: _call_on(loop, self._new_features.set)
         self.senses.vision.on_look = self._note_look
+        self.senses.vision.on_event = lambda text: _call_on(loop, lambda: self._note_event(text))
         if self.senses.gaze is not None:
             self.senses.gaze.on_value = self._note_gaze
+            self.senses.gaze.on_event = lambda text: _call_on(loop, lambda: self._note_event(text))
         await asyncio.to_thread(self.senses.start)
         try:
             async with asyncio.TaskGroup() as tasks:
@@ -181,6 +183,10 @@ class LiveBridge:
     def _note_gaze(self, sample: GazeSample) -> None:
         self._record(gaze_row(sample, self._clock_ns()))
 
+    def _note_event(self, text: str) -> None:
+        self._record(EventRow(self._clock_ns(), text))
+        self.on_notice(text)
+
     async def _sleep_until(self, due_ns: int) -> None:
         wait_s = (due_ns - self._clock_ns()) / 1e9
         if wait_s <= 0:
@@ -251,6 +257,8 @@ class LiveBridge:
     def _keep_house(self) -> None:
         now_ns = self._clock_ns()
         self._record(SensorsRow(now_ns, self.senses.accounts()))
+        for row in self.senses.clocks(now_ns):
+            self._record(row)
         self._record(CountersRow(now_ns, self.counters()))
 
     def counters(self, withdrawn: int | None = None) -> dict[str, int]:

@@ -5,15 +5,22 @@ from __future__ import annotations
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+from urllib.parse import urlsplit
 
 from hilbridge.config import SensorsConfig
 from hilbridge.errors import InputError
+from hilbridge.features.plane import homography_of
+from hilbridge.limits import MS
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample
-from hilbridge.rows import SourceAccount
-from hilbridge.runtime.health import SensorSeen, camera_seen, gaze_seen
+from hilbridge.rows import ClockRow, SourceAccount
+from hilbridge.runtime.health import SensorSeen, camera_seen, gaze_seen, hands_seen
 from hilbridge.runtime.vision import FindsHands, VisionWorker
+from hilbridge.sensors.clock import DeviceClock
 from hilbridge.sensors.source import Source, SourceState
+
+if TYPE_CHECKING:
+    from hilbridge.sensors.live.base import LiveGaze
 
 
 class Senses:
@@ -64,9 +71,25 @@ class Senses:
         config, vision = self._config, self.vision
         looks = self.camera.state is SourceState.RUNNING and vision.failure is None
         camera = camera_seen(config, looks, self.camera.last_captured_ns, vision.freeze.changed_ns)
-        if self.gaze is None:
-            return (camera,)
-        return (camera, gaze_seen(config, self.gaze.state is SourceState.RUNNING, self.gaze.last_captured_ns))
+        seen, gaze = [camera], self.gaze
+        if gaze is not None:
+            running = gaze.state is SourceState.RUNNING
+            seen.append(gaze_seen(config, running, gaze.last_captured_ns, live=gaze.live))
+        if vision.hands_alive is not None:
+            seen.append(hands_seen(config, vision.hands_alive, vision.hands_ns))
+        return tuple(seen)
+
+    def clocks(self, now_ns: int) -> tuple[ClockRow, ...]:
+        """What is known of the clocks of devices that have their own."""
+        clock: DeviceClock | None = getattr(self.gaze, "clock", None)
+        if self.gaze is None or clock is None or clock.fit is None:
+            return ()
+        fit = clock.fit
+        bound_ms, residual_ms = fit.bound_ns(now_ns) / MS, fit.residual_ns / MS
+        offset_ns = fit.offset_at(now_ns)
+        return (
+            ClockRow(now_ns, self.gaze.name, offset_ns, fit.drift_ppm, residual_ms, bound_ms, fit.probes, clock.steps),
+        )
 
     def accounts(self) -> dict[str, SourceAccount]:
         """Every value of every cell and what became of it."""
@@ -83,16 +106,49 @@ class Senses:
         return accounts
 
 
+def open_tracker(config: SensorsConfig) -> LiveGaze:
+    """The live eye tracker of a configuration. Raises InputError."""
+    from hilbridge.sensors.live.lsl import LslChannels
+    from hilbridge.sensors.live.spec import open_live_gaze
+
+    assert config.gaze is not None
+    return open_live_gaze(config.gaze, LslChannels(**config.lsl.model_dump()), round(config.gaze_latency_ms * MS))
+
+
+def _host_of(url: str) -> str | None:
+    try:
+        return urlsplit(url).hostname
+    except ValueError:  # brackets of an address that is none
+        return None
+
+
+def _refuse_to_guess(config: SensorsConfig) -> None:
+    """Gaze of a Neon is of its own scene camera. In another camera's picture it would point at the wrong thing."""
+    kind, _, host = (config.gaze or "").partition(":")
+    if kind != "neon" or config.gaze_homography is not None or config.gaze_same_camera:
+        return
+    host = host.partition(":")[0]
+    if not host or _host_of(config.camera or "") != host:
+        raise InputError(
+            f"gaze {config.gaze}: is of the glasses' own scene camera, and nothing says that --camera {config.camera} shows "
+            "its picture; set gaze_same_camera = true or gaze_homography in [sensors] (docs/live-gaze.md)"
+        )
+
+
 def open_senses(config: SensorsConfig) -> Senses:
     """Open what the configuration names. Raises InputError naming the first thing that is not there, and the cure."""
     from hilbridge.sensors.camera import CameraSource
     from hilbridge.sensors.gaze import GazePlayer, open_gaze
+    from hilbridge.sensors.live.spec import is_live
     from hilbridge.sensors.models import hand_model_path, load_hand_model
 
     if config.camera is None:
         raise InputError("no camera is given; add --camera INDEX|FILE|URL (or [sensors] camera in bridge.toml)")
     # Cheap checks first: nothing is started, and no device taken, for a run that cannot begin.
-    recording = open_gaze(Path(config.gaze)) if config.gaze is not None else None
+    plane = None if config.gaze_homography is None else homography_of(config.gaze_homography)
+    _refuse_to_guess(config)
+    live = config.gaze is not None and is_live(config.gaze)
+    recording = open_gaze(Path(config.gaze)) if config.gaze is not None and not live else None
     model = Path(config.hand_model) if config.hand_model is not None else hand_model_path()
     if config.hands:
         try:
@@ -101,10 +157,19 @@ def open_senses(config: SensorsConfig) -> Senses:
             raise InputError(f"{error}, or give --no-hands") from None
 
     def find_hands() -> FindsHands:
-        from hilbridge.sensors.hands import HandDetector
+        from hilbridge.sensors.hands import open_detector
+        from hilbridge.sensors.hands_apart import HandsApart
 
-        return HandDetector(model, sha256=config.hand_model_sha256)
+        return HandsApart(open_detector, model, config.hand_model_sha256)
 
-    camera = CameraSource(config.camera, loop=config.loop, fps=config.camera_fps)
-    gaze = GazePlayer(recording, loop=config.loop) if recording is not None else None
+    camera = CameraSource(
+        config.camera, loop=config.loop, fps=config.camera_fps, latency_ns=round(config.camera_latency_ms * MS)
+    )
+    gaze: Source[GazeSample] | None = None
+    if recording is not None:
+        gaze = GazePlayer(recording, loop=config.loop)
+    elif config.gaze is not None:
+        gaze = open_tracker(config)
+    if gaze is not None and plane is not None:
+        gaze.adjust = plane.sample
     return Senses(camera, gaze, find_hands if config.hands else None, camera_fps=camera.fps, config=config)

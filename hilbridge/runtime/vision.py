@@ -28,6 +28,7 @@ class VisionWorker:
 
     `find_hands` is made in the worker's own thread (MediaPipe wants one thread) and may be None: hands are then masked.
     `on_vector` is called in the worker's thread after each, then `on_look` with the picture and all that was made of it.
+    `hands_alive` is the detector's own word where it has one, `hands_ns` the newest picture that it answered.
     `freeze` knows when the picture's content last changed.
     """
 
@@ -44,6 +45,9 @@ class VisionWorker:
         self.freeze = FreezeProbe()
         self.frames_with_hands = 0
         self.last_ready_ns: int | None = None
+        self.hands_alive: bool | None = None  # None: nothing that can die finds them
+        self.hands_ns: int | None = None
+        self.on_event: Callable[[str], None] = lambda text: None
         self.on_vector: Callable[[], None] = lambda: None
         self.on_look: Callable[[CameraFrame, Look], None] = lambda frame, look: None
         self._frames, self._gaze = frames, gaze
@@ -67,6 +71,9 @@ class VisionWorker:
         detector: FindsHands | None = None
         try:
             detector = self._find_hands() if self._find_hands else None
+            if detector is not None and hasattr(detector, "on_event"):
+                detector.on_event = lambda text: self.on_event(text)
+            self.hands_alive = getattr(detector, "alive", None)
             self.ready.set()
             assembler = FeatureAssembler()
             while not self._stopping.is_set():
@@ -84,6 +91,8 @@ class VisionWorker:
     def _step(self, frame: CameraFrame, detector: FindsHands | None, assembler: FeatureAssembler) -> None:
         self.freeze.look(frame)
         hands = detector.detect(frame) if detector is not None else None
+        self.hands_alive = getattr(detector, "alive", None)
+        self.hands_ns = self.hands_ns if hands is None else frame.captured_ns
         self.frames_with_hands += bool(hands and hands.hands)
         gaze = self._gaze.take() if self._gaze is not None else None
         vector = assembler.update(frame, gaze, hands, frame.captured_ns)

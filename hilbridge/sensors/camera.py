@@ -14,13 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hilbridge.errors import InputError
-from hilbridge.records import CameraFrame
+from hilbridge.records import CameraFrame, StampSource
 from hilbridge.sensors.source import Source, SourceState
 
 _RETRY_S = 0.5
 _READS_BEFORE_GONE = 5
 _OPEN_TIMEOUT_MS = 5_000
 _LAST_CAMERA = 255
+_FAR_OFF_NS = 1_000_000_000  # a stamp further back than this is no stamp of now
 _REOPEN_TIMEOUT_MS = 2_000
 _READ_TIMEOUT_MS = 1_000  # a stream whose connection died without closing is gone after this
 _RATE_SAMPLE = 25  # pictures from whose stamps a file's rate is told where it does not say
@@ -47,8 +48,8 @@ class CameraSource(Source[CameraFrame]):
     A file is played by its own stamps as if it were a camera (a Neon scene video by its `.time` file); `loop` starts it
     again at its end. `fps` plays it at
     that rate instead, and asks a device for it (`self.fps` is what it then says it does). A device or stream
-    that goes away is tried again every half second and is GONE meanwhile. Pictures are stamped when they were grabbed
-    (`StampSource.ARRIVAL`: OpenCV hands on no hardware stamp).
+    that goes away is tried again every half second and is GONE meanwhile. Pictures of a device have the driver's own stamp
+    (`StampSource.HARDWARE`) where it gives one of this clock, else that of their arrival less `latency_ns`.
 
     Raises InputError when `spec` cannot be opened or gives no picture, or `fps` is wanted of a stream.
     """
@@ -59,6 +60,7 @@ class CameraSource(Source[CameraFrame]):
         *,
         loop: bool = False,
         fps: float | None = None,
+        latency_ns: int = 0,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         super().__init__(f"camera {spec}", clock_ns)
@@ -69,8 +71,9 @@ class CameraSource(Source[CameraFrame]):
             raise InputError(f"camera {spec}: a stream's rate is set where it is sent; leave --camera-fps out")
         self._wanted_fps = fps
         self._loop = loop
+        self._latency_ns = latency_ns
         self._sequence = 0
-        self._grabbed_ns = clock_ns()
+        self._grabbed_ns, self._stamp = clock_ns(), StampSource.ARRIVAL
         self._capture, first = self._open_checked()
         self._first: NDArray[np.uint8] | None = first
         self.height, self.width = first.shape[:2]
@@ -185,7 +188,7 @@ class CameraSource(Source[CameraFrame]):
     def _deliver_picture(self, picture: NDArray[np.uint8], captured_ns: int) -> None:
         self._sequence += 1
         rgb = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
-        self._deliver(CameraFrame(captured_ns, rgb, self._sequence), captured_ns)
+        self._deliver(CameraFrame(captured_ns, rgb, self._sequence, self._stamp), captured_ns)
 
     def _next_picture(self) -> NDArray[np.uint8] | None:
         """The next picture as BGR, or None where there is none to be had."""
@@ -194,7 +197,8 @@ class CameraSource(Source[CameraFrame]):
             return first
         if not self._capture.grab():
             return None
-        self._grabbed_ns = self._clock_ns()
+        said_ms = float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) if self._is_device else 0.0
+        self._grabbed_ns, self._stamp = taken_at(said_ms, self._clock_ns(), self._latency_ns, self._grabbed_ns)
         ok, picture = self._capture.retrieve()
         return np.asarray(picture, np.uint8) if ok and _is_colour(picture) else None
 
@@ -207,6 +211,19 @@ class CameraSource(Source[CameraFrame]):
             if self._capture.isOpened():
                 return True
         return False
+
+
+def taken_at(said_ms: float, now_ns: int, latency_ns: int, last_ns: int) -> tuple[int, StampSource]:
+    """When a picture was taken that has just come, and how that is known.
+
+    V4L2 drivers stamp by the monotonic clock, or by one of their own: a stamp that lies ahead, more than a second back, or
+    not after the last one is none. Stamps never go back.
+    """
+    if math.isfinite(said_ms):
+        said_ns = round(said_ms * 1e6)
+        if max(last_ns + 1, now_ns - _FAR_OFF_NS) <= said_ns <= now_ns:
+            return said_ns, StampSource.HARDWARE
+    return max(now_ns - latency_ns, min(last_ns + 1, now_ns)), StampSource.ARRIVAL
 
 
 def _is_character_device(spec: str) -> bool:

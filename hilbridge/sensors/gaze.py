@@ -5,18 +5,23 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from hilbridge.errors import InputError
+from hilbridge.limits import MS
 from hilbridge.records import GazeSample, StampSource
 from hilbridge.sensors import pupil_labs
 from hilbridge.sensors.begaze import read_begaze
 from hilbridge.sensors.gaze_csv import read_csv
+from hilbridge.sensors.recorded.iassistadl import Stream, is_iassistadl, read_iassistadl
 from hilbridge.sensors.source import Source
+
+_CORE_FILE = "gaze_positions.csv"  # of Pupil Player's export
+_SLOWEST_NS = 1_500 * MS  # between samples of any eye tracker there is; more are stamps in another unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -25,7 +30,7 @@ class GazeRecording:
 
     Where the file does not tell the video's time, it is the time since the first sample. `time_ns` increases strictly;
     what is below zero was seen before the video began and is not played. `bad_rows` counts what could not be read and was
-    left out.
+    left out, `notes` say what else a person wants to know of it.
     """
 
     time_ns: NDArray[np.int64]
@@ -34,15 +39,18 @@ class GazeRecording:
     valid: NDArray[np.bool_]
     bad_rows: int
     format: str
+    notes: tuple[str, ...] = ()
 
 
 def open_gaze(path: Path) -> GazeRecording:
-    """Read a Neon recording folder, a BeGaze text export, or a CSV (time_s, x, y[, valid], or the Neon Cloud's).
+    """Read a folder (Neon, Pupil Core export, iAssistADL), a BeGaze text export, or a CSV (see gaze_csv.py).
 
     Raises InputError naming the file and the cure.
     """
+    if path.is_dir() and (path / _CORE_FILE).is_file():
+        return csv_recording(path / _CORE_FILE)
     if path.is_dir():
-        return pupil_labs_recording(path)
+        return iassistadl_recording(path) if is_iassistadl(path) else pupil_labs_recording(path)
     if not path.is_file():
         raise InputError(f"gaze {path}: no such file or folder; give a Neon recording folder, a BeGaze .txt or a .csv")
     if path.stat().st_size == 0:
@@ -58,6 +66,24 @@ def pupil_labs_recording(folder: Path) -> GazeRecording:
         return csv_recording(folder / "gaze.csv")
     found = pupil_labs.read_gaze(folder)
     return _checked(folder, found.time_ns, (found.x, found.y, found.valid), 0, "neon", origin_ns=found.scene_ns)
+
+
+def iassistadl_recording(folder: Path) -> GazeRecording:
+    """Read the gaze of a recording of the iAssistADL group (see recorded/iassistadl.py)."""
+    found = read_iassistadl(folder)
+    x, y = found.gaze.values.T
+    said = _checked(
+        folder, found.gaze.time_ns, (x, y, np.ones(len(x), bool)), found.bad_rows, "iassistadl", origin_ns=None
+    )
+    streams = (found.gaze, *found.inertial, *found.wrists)
+    return replace(said, notes=tuple(_of_stream(stream) for stream in streams))
+
+
+def _of_stream(stream: Stream) -> str:
+    text = f"{stream.name} {stream.rate_hz:.3g} Hz, {stream.lost} lost"
+    if stream.delay_ms is not None:
+        text += f", delay {stream.delay_ms[0]:.0f} ms (p99 {stream.delay_ms[1]:.0f})"
+    return f"{text}, clock shifted by {stream.shift_ns / MS:+.0f} ms" if stream.shift_ns else text
 
 
 def begaze_recording(path: Path) -> GazeRecording:
@@ -99,6 +125,11 @@ def _checked(
     forward = np.concatenate(([True], time_ns[1:] > np.maximum.accumulate(time_ns)[:-1]))
     bad += int((~forward).sum())
     time_ns, x, y, valid = time_ns[forward], x[forward].copy(), y[forward].copy(), valid[forward]
+    if len(time_ns) > 2 and float(np.median(np.diff(time_ns))) > _SLOWEST_NS:
+        raise InputError(
+            f"gaze {path}: {np.median(np.diff(time_ns)) / 1e9:.3g} s from sample to sample; are the stamps in another "
+            "unit (milliseconds, nanoseconds)? time_s is in seconds"
+        )
     usable = valid & np.isfinite(x) & np.isfinite(y)
     inside = (x >= 0.0) & (x <= 1.0) & (y >= 0.0) & (y <= 1.0)
     if len(time_ns) < 2 or not (usable & inside).any():
@@ -107,7 +138,9 @@ def _checked(
     start_ns = int(time_ns[0]) if origin_ns is None else origin_ns
     if time_ns[-1] < start_ns:
         raise InputError(f"gaze {path}: ends before the scene video begins; the two are of different recordings")
-    return GazeRecording(time_ns - start_ns, x, y, usable & inside, bad, name)
+    first_ms = (int(time_ns[0]) - start_ns) / MS
+    notes = () if origin_ns is None else (f"on the scene video's clock, from {first_ms:+.0f} ms of its start",)
+    return GazeRecording(time_ns - start_ns, x, y, usable & inside, bad, name, notes)
 
 
 class GazePlayer(Source[GazeSample]):

@@ -82,6 +82,11 @@ class HandDetector:
         self.close()
 
 
+def open_detector(model: Path, sha256: str | None) -> HandDetector:
+    """A detector, as another process makes it."""
+    return HandDetector(model, sha256=sha256)
+
+
 @contextlib.contextmanager
 def _quiet_stderr() -> Iterator[None]:
     """MediaPipe's C++ side logs its start to file descriptor 2 and offers no switch."""

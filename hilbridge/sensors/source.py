@@ -27,8 +27,10 @@ class SourceState(StrEnum):
 class Source(ABC, Generic[T]):
     """A thread that reads one device or recording into `cell`. `start()` it once, `stop()` it once.
 
-    `clock_ns` is the monotonic clock; a test hands in its own.
+    `clock_ns` is the monotonic clock; a test hands in its own. `live`: it plays no recording.
     """
+
+    live = False
 
     def __init__(self, name: str, clock_ns: Callable[[], int] = time.monotonic_ns) -> None:
         self.name = name
@@ -37,6 +39,8 @@ class Source(ABC, Generic[T]):
         self.detail = ""
         self.last_captured_ns: int | None = None
         self.on_value: Callable[[T], None] = lambda value: None  # called in the source's thread with each value
+        self.on_event: Callable[[str], None] = lambda text: None  # likewise, with what a person would want to know
+        self.adjust: Callable[[T], T] = lambda value: value  # each value before it is handed on
         self._clock_ns = clock_ns
         self._stopping = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -68,6 +72,7 @@ class Source(ABC, Generic[T]):
     def _deliver(self, value: T, captured_ns: int) -> None:
         self.last_captured_ns = captured_ns
         self.state, self.detail = SourceState.RUNNING, ""
+        value = self.adjust(value)
         self.cell.put(value)
         self.on_value(value)
 

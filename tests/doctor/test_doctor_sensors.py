@@ -8,7 +8,13 @@ import cv2
 import numpy as np
 import pytest
 
-from hilbridge.doctor_sensors import Verdict, check_camera, check_gaze, judge_camera
+import hilbridge.sensors.camera  # noqa: F401  OpenCV asks once, at its first video, how loud FFmpeg may be
+from hilbridge.doctor_sensors import Verdict, check_camera, check_gaze, judge_camera, judge_tracker
+from hilbridge.limits import MS
+from hilbridge.records import GazeSample
+from hilbridge.sensors.clock import Probe
+from hilbridge.sensors.live.udp import UdpGaze
+from hilbridge.sensors.source import SourceState
 
 
 def gaze_csv(path: Path, unit: float = 1.0, rows: int = 400, valid_every: int = 1, junk_every: int = 0) -> Path:
@@ -61,3 +67,42 @@ def test_a_camera_is_judged_by_what_it_says_and_what_comes(tmp_path: Path) -> No
     found = check_camera(str(path))
     assert found.verdict is Verdict.ILL
     assert "1 fps" in found.text
+
+
+def tracker(offset_ns: int = 10**18, rtt_ms: int = 2, state: SourceState = SourceState.RUNNING) -> UdpGaze:
+    source = UdpGaze(0)
+    source.stop()
+    source.state, source.detail = state, "the glasses are not worn"
+    assert source.clock is not None
+    for index in range(20):
+        sent_ns = index * 100 * MS
+        source.clock.add(Probe(sent_ns, sent_ns + offset_ns, sent_ns + rtt_ms * MS))
+    return source
+
+
+def samples(count: int, *, valid: bool = True) -> list[GazeSample]:
+    return [GazeSample(index, 0.5, 0.5, valid) for index in range(count)]
+
+
+def test_a_live_eye_tracker_is_judged_by_what_comes_and_its_clock() -> None:
+    well = judge_tracker(tracker(), samples(300), 1.5)
+    assert well.verdict is Verdict.WELL
+    assert "200 a second" in well.text
+    assert "clock known to 1.0 ms" in well.text
+    for found, said in (
+        (judge_tracker(tracker(rtt_ms=40), samples(300), 1.5), "10 ms are needed"),
+        (judge_tracker(tracker(), samples(1), 1.5), "not worn"),
+        (judge_tracker(tracker(state=SourceState.GONE), samples(300), 1.5), "not worn"),
+        (judge_tracker(tracker(), samples(15), 1.5), "20 a second are needed"),
+        (judge_tracker(tracker(), samples(300, valid=False), 1.5), "50% must be valid"),
+    ):
+        assert found.verdict is Verdict.ILL
+        assert said in found.text
+        assert found.cure
+
+
+def test_doctor_listens_to_what_comes_over_udp() -> None:
+    silent = check_gaze("udp:127.0.0.1:45982")
+    assert silent.verdict is Verdict.ILL
+    assert "nothing comes" in silent.text
+    assert check_gaze("udp:x").verdict is Verdict.ILL

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from hilbridge.config import SensorsConfig
+from hilbridge.limits import TICK_NS
 from hilbridge.records import CameraFrame
 from hilbridge.runtime.health import (
     MS,
@@ -89,3 +90,11 @@ def test_a_drawn_picture_changes_when_its_colours_do_not_when_its_numbers_do() -
     assert probe.changed_ns == 10
     probe.look(picture(50, np.zeros((72, 96), np.uint8), colours[::-1]))
     assert probe.changed_ns == 50
+
+
+def test_h8_a_live_eye_tracker_is_held_within_its_limit_not_at_the_tick_after() -> None:
+    limits = SensorsConfig()
+    live = gaze_seen(limits, True, 0, live=True)
+    assert live.timeout_ns + TICK_NS <= limits.gaze_timeout_ms * MS
+    assert gaze_seen(limits, True, 0).timeout_ns == limits.gaze_timeout_ms * MS
+    assert gaze_seen(SensorsConfig(gaze_timeout_ms=30), True, 0, live=True).timeout_ns == 15 * MS

@@ -8,9 +8,13 @@ import pytest
 
 from hilbridge.config import SensorsConfig
 from hilbridge.errors import InputError
+from hilbridge.features.plane import homography_of
 from hilbridge.limits import MS
+from hilbridge.records import GazeSample
+from hilbridge.rows import decode, encode
 from hilbridge.runtime.health import first_problem
-from hilbridge.runtime.senses import Senses
+from hilbridge.runtime.senses import Senses, _refuse_to_guess, open_tracker
+from hilbridge.sensors.clock import DeviceClock, Probe
 from hilbridge.sensors.source import Source, SourceState
 
 
@@ -127,3 +131,73 @@ def test_every_value_of_every_cell_is_accounted_for() -> None:
     assert (camera.received, camera.used, camera.overwritten, camera.failed, camera.pending) == (4, 0, 2, 1, 1)
     assert (gaze.received, gaze.used, gaze.pending) == (1, 1, 0)
     assert world.senses.take() is None
+
+
+def test_a_device_with_a_clock_of_its_own_is_recorded_with_it() -> None:
+    world = World()
+    assert world.senses.clocks(2000 * MS) == ()
+    assert world.gaze is not None
+    clock = DeviceClock()
+    world.gaze.clock = clock  # type: ignore[attr-defined]
+    assert world.senses.clocks(2000 * MS) == ()
+    for index in range(10):
+        clock.add(Probe(index * 100 * MS, index * 100 * MS + 301 * MS, index * 100 * MS + 2 * MS))
+    (row,) = world.senses.clocks(902 * MS)
+    assert (row.device, row.offset_ns, row.bound_ms, row.probes) == ("gaze", -300 * MS, 1.0, 10)
+    assert decode(row.topic, row.time_ns, encode(row)) == row
+
+
+def test_a_live_eye_tracker_is_judged_more_strictly() -> None:
+    world = World()
+    world.gaze.live = True  # type: ignore[union-attr]
+    assert world.problem(1080) is None
+    assert world.problem(1081) == "gaze silent for more than 80 ms"
+
+
+def test_the_configuration_opens_a_live_eye_tracker() -> None:
+    tracker = open_tracker(SensorsConfig(gaze="udp:127.0.0.1:45981", gaze_latency_ms=3.0))
+    assert tracker.live
+    assert tracker.name == "gaze udp:45981"
+    tracker.start()
+    tracker.stop()
+
+
+def test_a_hand_detector_that_can_die_is_judged_like_a_sensor() -> None:
+    world = World()
+    vision = world.senses.vision
+    vision.hands_alive, vision.hands_ns = True, None
+    assert world.problem() == "hands has not delivered yet"
+    vision.hands_ns = 1000 * MS
+    assert world.problem() is None
+    vision.hands_alive = False
+    assert world.problem() == "hands is gone"
+
+
+@pytest.mark.parametrize(
+    ("camera", "gaze", "sure"),
+    [
+        ("0", "neon:", False),
+        ("0", "neon:10.0.0.2", False),
+        ("rtsp://[", "neon:10.0.0.2", False),
+        ("rtsp://10.0.0.3:8086/?camera=world", "neon:10.0.0.2:8080", False),
+        ("rtsp://10.0.0.20:8086/?camera=world", "neon:10.0.0.2:8080", False),
+        ("rtsp://10.0.0.2:8086/?camera=world", "neon:10.0.0.2:8080", True),
+        ("0", "lsl:Gaze", True),
+        ("0", None, True),
+    ],
+)
+def test_gaze_of_another_camera_is_not_guessed_at(camera: str, gaze: str | None, sure: bool) -> None:
+    config = SensorsConfig(camera=camera, gaze=gaze)
+    if sure:
+        _refuse_to_guess(config)
+        return
+    with pytest.raises(InputError, match="gaze_same_camera"):
+        _refuse_to_guess(config)
+    _refuse_to_guess(config.model_copy(update={"gaze_same_camera": True}))
+
+
+def test_gaze_is_carried_before_it_is_handed_on() -> None:
+    told = Told("gaze", [])
+    told.adjust = homography_of([0.5, 0, 0.25, 0, 0.5, 0.25, 0, 0, 1]).sample
+    told._deliver(GazeSample(5, 0.0, 1.0, True), 5)
+    assert told.cell.take() == GazeSample(5, 0.25, 0.75, True)

@@ -210,3 +210,64 @@ def test_a_truncated_real_recording_is_refused(data: Path, tmp_path: Path) -> No
     raw.write_bytes(raw.read_bytes()[:-1000])
     with pytest.raises(InputError, match=r"gaze ps1\.raw: 13304 bytes for 1788 stamps"):
         open_gaze(copy)
+
+
+OWN = [(0.04 * index, 0.25, 0.5) for index in range(20)]
+
+
+def table(
+    separator: str = ",", decimal: str = ".", header: str = "time_s,x,y", end: str = "\n", scale: float = 1
+) -> str:
+    rows = [[f"{time_s * scale:.3f}", f"{x:.3f}", f"{y:.3f}"] for time_s, x, y in OWN]
+    lines = [header.replace(",", separator), *(separator.join(row).replace(".", decimal) for row in rows)]
+    return end.join(lines) + end
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        table(),
+        "\ufeff" + table(),
+        table(end="\r\n"),
+        "\ufeff" + table(";", ",", end="\r\n"),
+        table(";"),
+        table("\t", ","),
+    ],
+)
+def test_however_a_spreadsheet_writes_it_the_numbers_are_the_same(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "gaze.csv"
+    path.write_bytes(text.encode())
+    found = open_gaze(path)
+    assert found.time_ns.tolist() == [index * 40_000_000 for index in range(20)]
+    assert set(found.x) == {0.25}
+    assert set(found.y) == {0.5}
+    assert found.bad_rows == 0
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        (table(decimal=","), "are its decimals written with commas"),
+        (table(scale=1000), "in another unit"),
+        (table(scale=1e9), "in another unit"),
+        ("time_s,x,y,comment\n" + "0,1,0,2\n" * 3 + "0,5,0,5,0\n", "more cells than the header"),
+    ],
+)
+def test_what_would_be_a_wrong_time_or_place_is_one_line(tmp_path: Path, text: str, said: str) -> None:
+    path = tmp_path / "gaze.csv"
+    path.write_text(text)
+    with pytest.raises(InputError, match=said) as refused:
+        open_gaze(path)
+    assert str(path) in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+def test_pupil_core_export_counts_y_from_below_and_starts_with_its_video(tmp_path: Path) -> None:
+    rows = [f"{100 + index * 0.01:.3f},0,{0.9 if index != 3 else 0.2},0.25,0.9" for index in range(50)]
+    header = "gaze_timestamp,world_index,confidence,norm_pos_x,norm_pos_y"
+    (tmp_path / "gaze_positions.csv").write_text("\n".join([header, *rows]) + "\n")
+    (tmp_path / "world_timestamps.csv").write_text("# timestamps [seconds],pts\n99.9,0\n99.93,1\n")
+    found = open_gaze(tmp_path)
+    assert (found.format, int(found.time_ns[0])) == ("pupil core", 100_000_000)
+    assert found.y[0] == pytest.approx(0.1)
+    assert found.valid.tolist()[:5] == [True, True, True, False, True]
