@@ -29,7 +29,7 @@ def train(
     out: Annotated[Path, typer.Option(help="the bundle to write")] = Path("out/bundle.safetensors"),
     work: Annotated[Path, typer.Option(help="checkpoints, logs, recorded streams")] = Path("out/train"),
     wearer: Annotated[str, typer.Option(help="demo or benchmark")] = "demo",
-    people: Annotated[int, typer.Option(min=8, help="how many simulated people")] = 480,
+    people: Annotated[int, typer.Option(min=8, help="how many simulated people")] = 600,
     seconds: Annotated[float, typer.Option(min=10.0, help="of each")] = 60.0,
     precision: Annotated[float, typer.Option(min=0.0, max=1.0, help="act-only precision tau_on must replay to")] = 0.9,
     seed: Annotated[int, typer.Option(min=0)] = 0,

@@ -13,6 +13,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from hilbridge.core.right import is_right
 from hilbridge.limits import MS
 from hilbridge.records import CameraFrame, GazeSample, Hand, HandTracks, StampSource
 from hilbridge.wearer.noise import Noise
@@ -59,7 +60,7 @@ class Truth:
 
     def is_right(self, verb_index: int) -> bool:
         """True when assisting `verb_index` now is what the person wants: preparing it or in the middle of it."""
-        return verb_index in (self.current, self.intended)
+        return is_right(verb_index, self.current, self.intended)
 
 
 @dataclass(frozen=True, slots=True)

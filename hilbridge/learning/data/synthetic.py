@@ -48,6 +48,7 @@ def record(
         np.full(steps, -1),
         np.full(steps, -1),
         np.zeros((steps, len(prior)), dtype=np.float32),
+        np.ones(steps, dtype=bool),
     )
     for step in range(steps):
         t_ns = step * STEP_NS
