@@ -66,3 +66,8 @@ class ConfidenceMaps:
             return probability
         fitted = self.by_condition.get(condition)
         return 0.0 if fitted is None else fitted(probability)
+
+    def highest(self, condition: int) -> float:
+        """The confidence that nothing exceeds under a condition; 0 where nothing was fitted for it."""
+        fitted = self.by_condition.get(condition)
+        return 0.0 if fitted is None else fitted.y[-1]

@@ -6,6 +6,7 @@ is no signature: whoever can write a bundle can seal it. It guards against a sli
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
@@ -49,7 +50,8 @@ class Promise:
 class Provenance:
     """people and minutes: everybody whose data went into weights, calibration or threshold.
 
-    data: SHA-256 by name of every file read; empty for simulated people. recipe, figures: what training was told and what it
+    who: a digest of each person's pseudonym, so that nobody is certified on who was trained on; empty where people were made
+    from seeds. data: SHA-256 by name of every file read, likewise. recipe, figures: what training was told and what it
     came to. versions: of hilbridge and the libraries.
     """
 
@@ -57,6 +59,7 @@ class Provenance:
     people: int
     minutes: float
     recipe: Mapping[str, Any]
+    who: tuple[str, ...] = ()
     data: Mapping[str, str] = field(default_factory=dict)
     figures: Mapping[str, Any] = field(default_factory=dict)
     versions: Mapping[str, str] = field(default_factory=dict)
@@ -65,12 +68,17 @@ class Provenance:
     def __post_init__(self) -> None:
         if type(self.people) is not int or self.people < 1 or not self.minutes > 0.0:
             raise ValueError(f"provenance: {self.people!r} people of {self.minutes!r} minutes")
-        if self.origin is Origin.RECORDED and not self.data:
-            raise ValueError("provenance: recorded people, and no file named")
+        if self.origin is Origin.RECORDED and (not self.data or len(self.who) != self.people):
+            raise ValueError("provenance: recorded people, but no file, or not everybody, is named")
 
     def as_json(self) -> dict[str, Any]:
         """Plain types."""
         return asdict(self)
+
+
+def digest_of(person: str) -> str:
+    """What a bundle keeps of a pseudonym: enough to know the same one again."""
+    return hashlib.sha256(f"hilbridge person {person}".encode()).hexdigest()[:16]
 
 
 def provenance_of(raw: Any) -> Provenance:
@@ -83,6 +91,7 @@ def provenance_of(raw: Any) -> Provenance:
         raw["people"],
         float(raw["minutes"]),
         dict(raw["recipe"]),
+        tuple(str(digest) for digest in raw["who"]),
         _hashes(raw["data"]),
         dict(raw["figures"]),
         dict(raw["versions"]),

@@ -11,7 +11,7 @@ from pathlib import Path
 from hilbridge.errors import InputError
 from hilbridge.files import write_whole
 from hilbridge.intent.bundle import Bundle, save_bundle
-from hilbridge.intent.provenance import LEAST_PEOPLE, Provenance, refusal
+from hilbridge.intent.provenance import LEAST_PEOPLE, Provenance, digest_of, refusal
 from hilbridge.learning.data.people import People
 from hilbridge.learning.experiments.people_report import people_sections
 from hilbridge.learning.experiments.report import write_report
@@ -20,6 +20,7 @@ from hilbridge.learning.training.gate_fit import calibrate
 from hilbridge.learning.training.make_bundle import make_bundle, versions
 from hilbridge.learning.training.recipes import RECIPES, Recipe
 from hilbridge.people.load import load_people
+from hilbridge.records import Modality
 
 Say = Callable[[str], None]
 
@@ -74,6 +75,7 @@ def train_on_people(config: PeopleConfig, say: Say = lambda _: None) -> Made:
         len(people.names),
         round(people.minutes, 3),
         {**asdict(recipe), "name": config.recipe_name, "folds": folded.folds, "epochs_of_all": folded.epochs},
+        tuple(digest_of(name) for name in people.names),
         people.files,
         {"curve": "of people out of fold"},
         versions(),
@@ -111,9 +113,11 @@ def missing(people: People, bundle: Bundle, precision: float) -> Sequence[str]:
     made = []
     if bundle.tau_for(precision) is None:
         made.append(f"a predictor that reaches {precision:g}: more people, more sensors, or ask for less")
-    for modality, seen in zip(("gaze", "hands", "scene"), people.stream.valid.any(axis=0).tolist(), strict=True):
-        if not seen:
-            made.append(f"{modality}: no session has it")
+    made += [
+        f"{modality.name.lower()}: no session has it"
+        for modality in Modality
+        if not people.stream.valid[:, int(modality)].any()
+    ]
     why = refusal(bundle.provenance, bundle.doubt, bundle.thresholds.tau_on)
     if why is not None:
         made.append(

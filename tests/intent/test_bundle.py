@@ -89,6 +89,7 @@ AFFIRMED = Provenance(
     LEAST_PEOPLE,
     60.0,
     {"name": "best"},
+    tuple(f"person {number}" for number in range(LEAST_PEOPLE)),
     {"P-01.mcap": "a" * 64},
     certificate=Promise(0.7, 0.8, 0.1, "betting", "precision", 30, Origin.RECORDED, {"P-90.mcap": "b" * 64}),
 )
@@ -114,7 +115,7 @@ def test_h1_a_bundle_of_certified_people_may_act_with_its_threshold_and_above(tm
     ("changed", "why"),
     [
         ({"origin": Origin.SIMULATED}, "simulated"),
-        ({"people": LEAST_PEOPLE - 1}, "at least"),
+        ({"people": LEAST_PEOPLE - 1, "who": AFFIRMED.who[1:]}, "at least"),
         ({"certificate": None}, "not certified"),
         ({"certificate": replace(AFFIRMED.certificate, origin=Origin.SIMULATED)}, "certified on simulated"),
     ],
@@ -126,7 +127,7 @@ def test_h1_each_statement_of_the_record_is_needed(changed, why):
 def test_h1_a_bench_may_do_without_a_certificate_and_without_nothing_else():
     bare = replace(AFFIRMED, certificate=None)
     assert refusal(bare, None, 0.8, uncertified=True) is None
-    assert refusal(replace(bare, people=3), None, 0.8, uncertified=True) is not None
+    assert refusal(replace(bare, people=3, who=bare.who[:3]), None, 0.8, uncertified=True) is not None
     assert refusal(replace(bare, origin=Origin.SIMULATED), None, 0.8, uncertified=True) is not None
     assert refusal(bare, "edited", 0.8, uncertified=True) == "edited"
     assert refusal(None, None, 0.8, uncertified=True) is not None

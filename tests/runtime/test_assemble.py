@@ -27,6 +27,7 @@ AFFIRMED = Provenance(
     LEAST_PEOPLE,
     60.0,
     {},
+    tuple(f"person {number}" for number in range(LEAST_PEOPLE)),
     {"P-01.mcap": "a" * 64},
     certificate=Promise(0.3, 0.8, 0.1, "betting", "precision", 30, Origin.RECORDED),
 )

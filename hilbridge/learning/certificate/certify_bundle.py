@@ -19,11 +19,11 @@ from hilbridge.learning.training.gate_fit import GATE, TAU_BAND, TAUS
 from hilbridge.learning.training.make_bundle import DIFFICULTIES, thresholds_at
 from hilbridge.learning.training.replay import (
     Watched,
+    conditions,
     mapped,
     replay,
     stream_logits,
     watch,
-    window_masks,
     with_taus,
 )
 
@@ -88,7 +88,7 @@ def certify_on(
 ) -> Certified:
     """Certify on these people, who must be nobody that the bundle was trained or calibrated on."""
     logits = stream_logits(bundle.weights, people, Statistics(bundle.mean, bundle.std))
-    seen = watch(logits, window_masks(people), people.subject, bundle.temperatures, GATE)
+    seen = watch(logits, conditions(people), people.subject, bundle.temperatures, GATE)
     gate = replace(GATE, maps=bundle.maps)
     counts = gate_counts(gate, seen, people)
     certificate = certify(counts, config.precision, config.delta, config.method, start_of(bundle, config.precision))

@@ -274,10 +274,11 @@ def _other_sections(pooled: tables.Pooled, members: dict[str, list[tables.Fold]]
     return [
         Section(
             "tremor",
-            "Tremor guard, demo bundle",
+            "Trembling people, demo bundle",
             "synthetic",
             tremor_table(bundle, DEMO, TREMOR_SEEDS, 40.0),
-            "Hand tremor of 0.02 picture widths; with the guard on the gate holds while it is seen.",
+            "Tremor of 0.02 picture widths that wanders, with head, gaze, lost hands and overshoot. off: judged by the map of "
+            "calm people; on: by that of the level of tremor, and held where no confidence could reach tau_on.",
         ),
         Section(
             "comparators",

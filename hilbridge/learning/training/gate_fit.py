@@ -15,14 +15,14 @@ import numpy as np
 from numpy.typing import NDArray
 from sklearn.isotonic import IsotonicRegression
 
-from hilbridge.confidence import ALL_VALID, MASKS, ConfidenceMaps, RisingMap
+from hilbridge.confidence import ALL_VALID, MASKS, TREMOR_SHIFT, ConfidenceMaps, RisingMap
 from hilbridge.core.gate import GateConfig
 from hilbridge.intent.bundle import Replayed
 from hilbridge.intent.gru import Weights
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.windows import Statistics
 from hilbridge.learning.training.fit import fit_temperature
-from hilbridge.learning.training.replay import Replay, Watched, replay, stream_logits, watch, window_masks, with_taus
+from hilbridge.learning.training.replay import Replay, Watched, conditions, replay, stream_logits, watch, with_taus
 from hilbridge.records import Modality
 
 Floats = NDArray[np.float64]
@@ -30,6 +30,7 @@ Flags = NDArray[np.bool_]
 CAP = 0.99
 MOST_GROUPS = 60
 LEAST_PER_GROUP = 150  # ticks: neighbours say nearly the same, so these are a few independent ones
+LEAST_TICKS = 1500  # a minute of a level of tremor; with less it counts as never measured, and is never acted on
 PSEUDO_TICKS = 15.0  # that believe the smoothed probability as it stands
 TEMPERATURE_EVERY = 12  # steps: windows between hardly differ
 TAU_BAND = 0.05  # tau_on - tau_off, in confidence: wider, and what is kept acting on is well below what tau_on promises
@@ -63,9 +64,12 @@ def fit_maps(parts: Iterable[tuple[Watched, Stream]]) -> ConfidenceMaps:
         probabilities.append(seen.probability[used])
         rights.append(stream.right(seen.candidate)[used])
     condition, probability, right = (np.concatenate(made) for made in (conditions, probabilities, rights))
-    return ConfidenceMaps(
-        {int(one): fit_map(probability[condition == one], right[condition == one]) for one in np.unique(condition)}
-    )
+    made = {}
+    for one in np.unique(condition):
+        here = condition == one
+        if not one >> TREMOR_SHIFT or here.sum() >= LEAST_TICKS:
+            made[int(one)] = fit_map(probability[here], right[here])
+    return ConfidenceMaps(made)
 
 
 class Turn(NamedTuple):
@@ -95,10 +99,11 @@ def logits_by_loss(
 
 def calibrate(logits: Sequence[Floats], stream: Stream, losses: Sequence[tuple[Modality, ...]] = LOSSES) -> Calibrated:
     """Temperatures, maps and the replayed curve, from `logits_by_loss`. Raises ValueError where the gate never acts."""
-    masks = [window_masks(stream, lost) for lost in losses]
-    temperatures = _temperatures(logits, masks, stream)
+    under = [conditions(stream, lost) for lost in losses]
+    temperatures = _temperatures(logits, [own & ALL_VALID for own in under], stream)
     parts = [
-        (watch(own, mask, stream.subject, temperatures, GATE), stream) for own, mask in zip(logits, masks, strict=True)
+        (watch(own, condition, stream.subject, temperatures, GATE), stream)
+        for own, condition in zip(logits, under, strict=True)
     ]
     maps = fit_maps(parts)
     turns = cross_fitted(GATE, parts)

@@ -20,7 +20,7 @@ from hilbridge.learning.data.windows import STEPS, Statistics
 from hilbridge.learning.training.gate_fit import GATE, TAU_BAND, Calibrated, calibrate, logits_by_loss
 from hilbridge.learning.training.network import GruNetwork, export_weights, network_vectors
 from hilbridge.learning.training.recipes import DEMO_RECIPE, Recipe
-from hilbridge.learning.training.replay import Replay, replay, stream_logits, watch, window_masks, with_taus
+from hilbridge.learning.training.replay import Replay, conditions, replay, stream_logits, watch, with_taus
 from hilbridge.learning.training.train import Trained, fit_network
 from hilbridge.wearer.timeline import BENCHMARK, DEMO, Difficulty
 
@@ -35,7 +35,8 @@ class TrainConfig:
 
     out: the bundle to write. work: checkpoints, logs and recorded streams (an interrupted run goes on from there).
     wearer: "demo" or "benchmark". people of seeds first_seed.., `seconds` each: 12 % to stop training by, 32 % to calibrate
-    and choose the threshold on, the rest to train on; nobody is in two groups. precision: act-only precision tau_on must
+    and choose the threshold on, the rest to train on; nobody is in two groups. Every so many tremble, each in their own way
+    (`wearer.shaking.tremor_of`), so that there is a map for each level of tremor. precision: act-only precision tau_on must
     replay to on people that the maps in use were not fitted on.
     """
 
@@ -45,6 +46,7 @@ class TrainConfig:
     people: int = 600
     seconds: float = 60.0
     first_seed: int = 1_000
+    trembling_every: int | None = 4
     precision: float = 0.9
     recipe: Recipe = DEMO_RECIPE
 
@@ -73,7 +75,15 @@ def train(config: TrainConfig, console: Console | None = None) -> Path:
             progress.advance(task)
 
         training, stopping, calibrating = (
-            record_people(group, difficulty, config.seconds, config.work / "streams", step) for group in groups
+            record_people(
+                group,
+                difficulty,
+                config.seconds,
+                config.work / "streams",
+                step,
+                trembling_every=config.trembling_every,
+            )
+            for group in groups
         )
         trained = fit_network(config.recipe, training, stopping, config.work, progress=progress)
     weights = network_weights(trained)
@@ -117,7 +127,7 @@ def thresholds_at(tau_on: float) -> Thresholds:
 def replay_bundle(bundle: Bundle, people: Stream, tau_on: float | None = None) -> Replay:
     """How a bundle's gate fares on people; at its own threshold unless another is given."""
     logits = stream_logits(bundle.weights, people, Statistics(bundle.mean, bundle.std))
-    seen = watch(logits, window_masks(people), people.subject, bundle.temperatures, GATE)
+    seen = watch(logits, conditions(people), people.subject, bundle.temperatures, GATE)
     config = with_taus(GATE, bundle.thresholds.tau_on if tau_on is None else tau_on, TAU_BAND)
     return replay(replace(config, maps=bundle.maps), seen, people)
 
@@ -133,7 +143,8 @@ def _provenance(config: TrainConfig, trained: Trained) -> Provenance:
         Origin.SIMULATED,
         config.people,
         round(config.people * config.seconds / 60.0, 3),
-        {**asdict(config.recipe), "wearer": config.wearer, "first_seed": config.first_seed},
+        {**asdict(config.recipe), "wearer": config.wearer, "first_seed": config.first_seed}
+        | {"trembling_every": config.trembling_every},
         figures={"validation": {key: round(float(value), 4) for key, value in best.items()}},
         versions=versions(),
     )

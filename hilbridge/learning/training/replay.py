@@ -14,17 +14,18 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from hilbridge.confidence import ALL_VALID, ConfidenceMaps
+from hilbridge.confidence import ALL_VALID, TREMOR_SHIFT, ConfidenceMaps
 from hilbridge.core.gate import GateConfig
 from hilbridge.core.gate_figures import GateFigures, GateTick, gate_figures
 from hilbridge.features.layout import STEP_NS, drop_modality
 from hilbridge.intent.calibration import softmax
 from hilbridge.intent.gru import StreamingGru, Weights
 from hilbridge.intent.standardise import standardise
+from hilbridge.intent.tremor import TremorGuard
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.windows import STEPS, Statistics
 from hilbridge.limits import EARN_NS
-from hilbridge.records import Modality
+from hilbridge.records import FeatureVector, Modality
 from hilbridge.verbs import NEVER_ASSISTED
 
 Floats = NDArray[np.float64]
@@ -73,6 +74,24 @@ def window_masks(stream: Stream, lost: tuple[Modality, ...] = ()) -> Ints:
     sums = np.concatenate([np.zeros((1, 3), dtype=np.int64), np.cumsum(valid, axis=0)])
     counts = sums[index + 1] - sums[low]
     return np.asarray(((2 * counts >= (index + 1 - low)[:, None]) << np.arange(3)).sum(axis=1))
+
+
+def conditions(stream: Stream, lost: tuple[Modality, ...] = ()) -> Ints:
+    """(N,) the condition of each step: its window's mask and the level of tremor that the guard sees."""
+    return window_masks(stream, lost) | tremor_levels(stream, lost) << TREMOR_SHIFT
+
+
+def tremor_levels(stream: Stream, lost: tuple[Modality, ...] = ()) -> Ints:
+    """(N,) what the running bridge's guard says at each step."""
+    values, valid = without(stream, lost)
+    levels = np.zeros(len(stream), dtype=np.int64)
+    guard = TremorGuard()
+    flags = [(bool(gaze), bool(hands), bool(scene)) for gaze, hands, scene in valid]
+    for index, seen in enumerate(flags):
+        if index and stream.subject[index] != stream.subject[index - 1]:
+            guard.reset()
+        levels[index] = guard.update(FeatureVector(0, 0, values[index], seen))
+    return levels
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,11 +208,22 @@ def mapped(maps: ConfidenceMaps, probability: Floats, condition: Ints) -> Floats
 
 def replay(config: GateConfig, seen: Watched, stream: Stream) -> Replay:
     """Drive the gate over a stream that was watched with the same `alpha` and `top_k`."""
+    seen = _without_hopeless_tremor(config, seen)
     verb = _switched(config, seen, mapped(config.maps, seen.probability, seen.condition), stream.subject)
     acting = verb >= 0
     assisted = seen.smoothed[np.arange(len(verb)), np.maximum(verb, 0)]
     confidence = np.where(acting, mapped(config.maps, assisted, seen.condition), 0.0)
     return Replay(acting, verb, acting & stream.right(verb), confidence, stream.known)
+
+
+def _without_hopeless_tremor(config: GateConfig, seen: Watched) -> Watched:
+    """Tremor forbids ACT at once where no confidence could do, as in the running bridge."""
+    trembling = [int(one) for one in np.unique(seen.condition) if one >> TREMOR_SHIFT]
+    hopeless = [one for one in trembling if config.maps.highest(one) < config.tau_on]
+    if not hopeless:
+        return seen
+    veto = np.isin(seen.condition, hopeless)
+    return replace(seen, vetoed=seen.vetoed | veto, able=seen.able & ~veto)
 
 
 def _switched(config: GateConfig, seen: Watched, confidence: Floats, subject: Ints) -> Ints:
