@@ -23,7 +23,7 @@ BundleFile = Annotated[Path | None, typer.Option("--bundle", help="model bundle;
 
 def register(app: typer.Typer) -> None:
     """Add them to the command line."""
-    for command in (train, evaluate, certify):
+    for command in (train, evaluate, certify, adapt):
         app.command()(command)
     data = typer.Typer(help="Look at data sets.", no_args_is_help=True)
     data.command("describe")(data_describe)
@@ -134,6 +134,21 @@ def certify(
     typer.echo("\n".join(result.lines()))
     if result.certificate.tau_on is None:
         raise typer.Exit(1)
+
+
+def adapt(
+    data: Annotated[list[Path], typer.Option("--data", help="labelled sessions of one wearer; many times")],
+    bundle: BundleFile = None,
+    out: Annotated[Path, typer.Option(help="the bundle to write")] = Path("out/adapted.safetensors"),
+) -> None:
+    """Make a bundle more careful for one wearer, from actions whose verb became known; it never loosens a threshold."""
+    from hilbridge.intent.bundle import demo_bundle_path
+
+    with needs_extra("train"):
+        from hilbridge.people.adapt import adapt as adapting
+
+    made = adapting(bundle or demo_bundle_path(), data, out, lambda line: typer.echo(line, err=True))
+    typer.echo("\n".join(made.lines()))
 
 
 def data_simulate(

@@ -82,6 +82,7 @@ class Bundle:
 
     temperatures: by mask of valid modalities. maps: from what the gate smooths to confidence. curve: the gate replayed at
     rising tau_on, where it acts. vectors: what the network gave when it was trained; `load_bundle` compares.
+    person_spread: standard deviation over people of the log odds of being right; `hilbridge adapt` leans on it.
     doubt: why the provenance that the file holds (or does not hold) cannot be believed.
     """
 
@@ -94,6 +95,7 @@ class Bundle:
     thresholds: Thresholds
     curve: tuple[Replayed, ...]
     vectors: Vectors
+    person_spread: float = 0.0
     provenance: Provenance | None = None
     doubt: str | None = None
     bundle_id: int = 0
@@ -131,6 +133,7 @@ def save_bundle(bundle: Bundle, path: Path) -> Path:
         "maps": {str(condition): [own.x, own.y] for condition, own in sorted(bundle.maps.by_condition.items())},
         "thresholds": {"tau_on": bundle.thresholds.tau_on, "tau_off": bundle.thresholds.tau_off},
         "curve": [list(point) for point in bundle.curve],
+        "person_spread": bundle.person_spread,
         "provenance": None if bundle.provenance is None else bundle.provenance.as_json(),
     }
     metadata["seal"] = seal_of(tensors, metadata)
@@ -226,6 +229,7 @@ def _assemble(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any], 
         Thresholds(float(metadata["thresholds"]["tau_on"]), float(metadata["thresholds"]["tau_off"])),
         _curve(metadata["curve"]),
         vectors,
+        _spread(metadata["person_spread"]),
         provenance,
         doubt,
         bundle_id,
@@ -246,6 +250,12 @@ def _provenance(
     if metadata.get("seal") != seal_of(tensors, metadata):
         return record, "it was edited after it was sealed"
     return record, None
+
+
+def _spread(raw: Any) -> float:
+    if not 0.0 <= float(raw) <= 10.0:
+        raise BundleError(f"spread over people of {raw!r} log odds, expected 0 to 10")
+    return float(raw)
 
 
 def _maps(raw: Mapping[str, Any]) -> ConfidenceMaps:

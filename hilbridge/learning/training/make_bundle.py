@@ -17,8 +17,9 @@ from hilbridge.intent.provenance import Origin, Provenance
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.synthetic import record_people
 from hilbridge.learning.data.windows import STEPS, Statistics
-from hilbridge.learning.training.gate_fit import GATE, TAU_BAND, Calibrated, calibrate, logits_by_loss
+from hilbridge.learning.training.gate_fit import GATE, TAU_BAND, Calibrated, calibrate, logits_by_loss, replays
 from hilbridge.learning.training.network import GruNetwork, export_weights, network_vectors
+from hilbridge.learning.training.person import actions_of, fit_spread
 from hilbridge.learning.training.recipes import DEMO_RECIPE, Recipe
 from hilbridge.learning.training.replay import Replay, conditions, replay, stream_logits, watch, with_taus
 from hilbridge.learning.training.train import Trained, fit_network
@@ -113,10 +114,22 @@ def make_bundle(trained: Trained, fitted: Calibrated, precision: float, provenan
         thresholds_at(fitted.curve[-1].tau_on),
         fitted.curve,
         network_vectors(trained.network, trained.logit_offset, statistics.mean, statistics.std, STEPS),
+        0.0,
         provenance,
     )
     chosen = made.tau_for(precision)
-    return made if chosen is None else replace(made, thresholds=thresholds_at(chosen))
+    tau_on = made.thresholds.tau_on if chosen is None else chosen
+    return replace(made, thresholds=thresholds_at(tau_on), person_spread=spread_at(fitted, tau_on))
+
+
+def spread_at(fitted: Calibrated, tau_on: float) -> float:
+    """How far people differ at one threshold, from people whose maps were fitted on others."""
+    everybody = [
+        own
+        for turn, done in zip(fitted.turns, replays(fitted.turns, tau_on), strict=True)
+        for own in actions_of(done, turn.stream.subject).values()
+    ]
+    return round(fit_spread(everybody), 4)
 
 
 def thresholds_at(tau_on: float) -> Thresholds:
