@@ -24,6 +24,7 @@ def register(app: typer.Typer) -> None:
     app.command("dbc")(dbc)
     app.command("candump")(candump)
     app.command("docs")(docs)
+    app.command()(conformance)
 
 
 def dbc(out: Annotated[Path | None, typer.Option(help="file to write; default: print it")] = None) -> None:
@@ -50,6 +51,54 @@ def docs(name: Annotated[str | None, typer.Argument(help="which; without it they
         raise InputError(f"docs {name}: no such document; there are {', '.join(known)}")
     else:
         typer.echo(known[name].read_text(encoding="utf-8"))
+
+
+def conformance(
+    bus: Annotated[str | None, typer.Option("--bus", help="auto, vcan0, can0, any interface:channel")] = None,
+    bus_option: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=VALUE", help="for the interface, such as bitrate=500000")
+    ] = None,
+    config: Annotated[Path | None, typer.Option("--config", help="bridge.toml: bus, DBC, key, bundle")] = None,
+    key_file: Annotated[Path | None, typer.Option(help="16-byte key as hex, mode 0600")] = None,
+    bundle: Annotated[Path | None, typer.Option(help="the bundle that this bench is for, if any")] = None,
+    only: Annotated[list[str] | None, typer.Option(metavar="CLAIM", help="this claim alone; many times")] = None,
+    phases: Annotated[int, typer.Option(min=1, max=1000, help="of each reaction time")] = 10,
+    margin_ms: Annotated[float, typer.Option(min=0.0, max=10.0, help="what this computer and bus may add")] = 5.0,
+    clear_command: Annotated[
+        str | None, typer.Option(metavar="COMMAND", help="presses the device's button; default: you are asked to")
+    ] = None,
+    on_a_bench: Annotated[
+        bool, typer.Option("--i-am-on-a-bench", help="nobody wears the device; needed on a physical bus")
+    ] = False,
+    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="JUnit XML, too")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object instead of lines")] = False,
+) -> None:
+    """Test any device against the contract over its bus, before anybody puts it on. Exit code 1 unless all is kept."""
+    from hilbridge.config import load_config, parse_options
+    from hilbridge.conformance import report
+    from hilbridge.conformance.plan import chosen
+    from hilbridge.conformance.run import Asked, run_conformance
+    from hilbridge.runtime.assemble import read_parts
+
+    given: dict[str, dict[str, object]] = {
+        "bus": {"spec": bus, "key_file": str(key_file) if key_file else None}
+        | {"options": parse_options(bus_option) if bus_option else None},
+        "model": {"bundle": str(bundle) if bundle else None},
+    }
+    settings = load_config(config, given)
+    asked = Asked(chosen(only or []), phases, margin_ms, clear_command, on_a_bench)
+
+    def say(text: str) -> None:
+        typer.echo(text, err=as_json)
+
+    findings = run_conformance(
+        settings, read_parts(settings), asked, lambda one: None if as_json else say(report.line_of(one)), say
+    )
+    if junit is not None:
+        report.write_junit(findings, settings.bus.spec, junit)
+    typer.echo(json.dumps(report.as_json(findings, settings.bus.spec)) if as_json else report.summary_of(findings))
+    if not report.passed(findings):
+        raise typer.Exit(1)
 
 
 def candump(
