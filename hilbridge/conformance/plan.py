@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from hilbridge.conformance.cases import commands, errors, latches, presence, session, timing
 from hilbridge.conformance.cases.case import Case
 from hilbridge.conformance.findings import Broken, Finding, Unshown, Verdict
-from hilbridge.conformance.tester import Tester
+from hilbridge.conformance.tester import ByHand
 from hilbridge.errors import InputError, nearest
 
 CASES: tuple[Case, ...] = (
@@ -31,9 +31,10 @@ def chosen(names: Sequence[str]) -> tuple[Case, ...]:
 
 
 def conduct(
-    tester: Tester, cases: Sequence[Case], show: Callable[[Finding], None] = lambda finding: None
+    tester: ByHand, cases: Sequence[Case], show: Callable[[Finding], None] = lambda finding: None
 ) -> list[Finding]:
-    """Try each; one that is broken or cannot be shown ends none of the others."""
+    """Greet the device and try each; one that is broken or cannot be shown ends none of the others."""
+    tester.greet()
     findings = []
     for case in cases:
         began_ns = tester.line.now_ns()
@@ -44,7 +45,7 @@ def conduct(
     return findings
 
 
-def _judged(tester: Tester, case: Case) -> tuple[Verdict, str]:
+def _judged(tester: ByHand, case: Case) -> tuple[Verdict, str]:
     tester.plain()
     try:
         return Verdict.KEPT, case.run(tester)

@@ -24,7 +24,7 @@ from hilbridge.conformance.bus_line import BusLine
 from hilbridge.conformance.cases.case import Case
 from hilbridge.conformance.findings import Finding
 from hilbridge.conformance.plan import conduct
-from hilbridge.conformance.tester import Setting, Tester
+from hilbridge.conformance.tester import ByHand, Setting
 from hilbridge.errors import InputError
 from hilbridge.priority import use_realtime_scheduling
 from hilbridge.records import Frame
@@ -59,7 +59,7 @@ def run_conformance(
     setting = Setting(Authenticator(key), chance, asked.margin_ms, asked.phases, press, patience_ms)
     with BusLine(config.bus.spec, options) as line:
         use_realtime_scheduling()
-        return conduct(Tester(line, parts.codec, setting), asked.cases, show)
+        return conduct(ByHand(line, parts.codec, setting), asked.cases, show)
 
 
 async def _admit(config: Config, parts: Parts, asked: Asked, options: dict[str, Any]) -> bool:

@@ -11,7 +11,7 @@ from firmware_sim.e2e import protect
 from firmware_sim.keys import WRONG
 from firmware_sim.memory import Received
 from firmware_sim.secoc import DEMO_KEY
-from hilbridge.conformance.tester import Setting, Tester
+from hilbridge.conformance.tester import ByHand, Setting
 from hilbridge.limits import MS
 from hilbridge.records import Frame
 from hilbridge.wire.codec import Codec
@@ -28,6 +28,7 @@ class LockstepLine:
         self.device = Device(power_on(controller, DEMO_KEY, self.random.getrandbits(32)), wearer)
         self.twice: set[int] = set()
         self.late_ms: dict[int, int] = {}
+        self._counters: dict[int, int] = {}
         self._late: list[tuple[int, Frame]] = []
         self._now_ns = _START_MS * MS
         self._to_device: list[Received] = []
@@ -53,11 +54,12 @@ class LockstepLine:
     def _tick(self) -> None:
         frames, self._to_device = tuple(self._to_device), []
         for can_id, data in self.device.tick(frames, self.random.getrandbits(32)):
-            frame = Frame(can_id, data)
-            self._late.append((self._now_ns + self.late_ms.get(can_id, 0) * MS, frame))
-            if can_id in self.twice:
-                again = protect(can_id, data, (data[2] + 1) & 0xFF)
-                self._late.append((self._now_ns, Frame(can_id, again)))
+            copies = 2 if can_id in self.twice else 1
+            for _ in range(copies):
+                if can_id in self.twice:  # each copy a frame of its own
+                    counter = self._counters[can_id] = (self._counters.get(can_id, 0) + 1) & 0xFF
+                    data = protect(can_id, data, counter)
+                self._late.append((self._now_ns + self.late_ms.get(can_id, 0) * MS, Frame(can_id, data)))
         due = [frame for at_ns, frame in self._late if at_ns <= self._now_ns]
         self._late = [one for one in self._late if one[0] > self._now_ns]
         self._to_tester.extend(frame._replace(received_ns=self._now_ns) for frame in due)
@@ -66,7 +68,7 @@ class LockstepLine:
         self.device.local_clear = True
 
 
-def a_tester(line: LockstepLine, *, phases: int = 2, hand: bool = True, wrong_key: bool = False) -> Tester:
+def a_tester(line: LockstepLine, *, phases: int = 2, hand: bool = True, wrong_key: bool = False) -> ByHand:
     key = WRONG if wrong_key else DEMO_KEY
     setting = Setting(Authenticator(key), random.Random(2), 2.0, phases, line.press if hand else None)
-    return Tester(line, Codec(), setting)
+    return ByHand(line, Codec(), setting)

@@ -6,9 +6,9 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from hilbridge.conformance.findings import demand
-from hilbridge.conformance.tester import Tester
+from hilbridge.conformance.tester import ByHand
 
-Run = Callable[[Tester], str]
+Run = Callable[[ByHand], str]
 
 
 class Case(NamedTuple):
@@ -19,7 +19,7 @@ class Case(NamedTuple):
     run: Run
 
 
-def stays(tester: Tester, states: tuple[str, ...], milliseconds: float, after: str) -> None:
+def stays(tester: ByHand, states: tuple[str, ...], milliseconds: float, after: str) -> None:
     """Let time go by; Broken where a status told any other state."""
     began_ns = tester.line.now_ns()
     tester.run(milliseconds)

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from hilbridge.conformance.cases.case import Case, Run, risen, stays
 from hilbridge.conformance.findings import demand
-from hilbridge.conformance.tester import HOLD, OTHER_VERB, SILENT, VERB, Tester
+from hilbridge.conformance.tester import HOLD, OTHER_VERB, SILENT, VERB, ByHand
 from hilbridge.limits import MS, SENSING_LIMIT_MS
 
 _UNASSISTED = ("Follow", "Ready", "RampDown")
 
 
-def _acts(tester: Tester) -> str:
+def _acts(tester: ByHand) -> str:
     tester.to_ready()
     asked_ns = tester.act()
     demand(tester.until(lambda: tester.hearing.state == "Assist", 40.0), f"{tester.hearing.state} after 40 ms")
@@ -19,7 +19,7 @@ def _acts(tester: Tester) -> str:
     return f"Assist after {(status.at_ns - asked_ns) / MS:.0f} ms"
 
 
-def _other_verb(tester: Tester) -> str:
+def _other_verb(tester: ByHand) -> str:
     tester.to_assist()
     tester.wish = SILENT
     began_ns = tester.act(OTHER_VERB)
@@ -34,7 +34,7 @@ def _other_verb(tester: Tester) -> str:
 def _lacking(what: str, counter: str, **fields: int | str) -> Run:
     """One ACT that lacks one thing, in Ready and with a right MAC."""
 
-    def run(tester: Tester) -> str:
+    def run(tester: ByHand) -> str:
         tester.to_ready()
         before = tester.counts(counter)
         tester.wish = SILENT
@@ -48,7 +48,7 @@ def _lacking(what: str, counter: str, **fields: int | str) -> Run:
     return run
 
 
-def _unassisted(tester: Tester) -> str:
+def _unassisted(tester: ByHand) -> str:
     tester.to_ready()
     before = tester.counts("RejVerb")
     verbs = ("None", "Move Around", "Other")
@@ -63,7 +63,7 @@ def _unassisted(tester: Tester) -> str:
     return f"{len(verbs)} verbs, all refused and counted"
 
 
-def _stale_echo(tester: Tester) -> str:
+def _stale_echo(tester: ByHand) -> str:
     """An echo that was told 105 ms ago and more, but less than the 8-bit counter's round."""
     tester.to_ready()
     before = tester.counts("RejEcho")
@@ -80,7 +80,7 @@ def _stale_echo(tester: Tester) -> str:
     return f"an echo {(now_ns - old[-1].at_ns) / MS:.0f} ms old is refused and counted"
 
 
-def _stale_hold(tester: Tester) -> str:
+def _stale_hold(tester: ByHand) -> str:
     tester.to_ready()
     tester.wish = SILENT
     tester.send(tester.command(HOLD, SensingAge=SENSING_LIMIT_MS + 2))
@@ -90,7 +90,7 @@ def _stale_hold(tester: Tester) -> str:
     return "Follow"
 
 
-def _no_auth(tester: Tester) -> str:
+def _no_auth(tester: ByHand) -> str:
     tester.to_assist()
     before = tester.counts("RejAuthMissing")
     tester.to_assist()
@@ -105,7 +105,7 @@ def _no_auth(tester: Tester) -> str:
     return f"a HOLD after {took_ms:.0f} ms"
 
 
-def _late_auth(tester: Tester) -> str:
+def _late_auth(tester: ByHand) -> str:
     tester.to_ready()
     tester.wish = SILENT
     command = tester.command(VERB)
@@ -116,7 +116,7 @@ def _late_auth(tester: Tester) -> str:
     return "refused"
 
 
-def _lost_one(tester: Tester) -> str:
+def _lost_one(tester: ByHand) -> str:
     """One command lost: 80 ms between two."""
     tester.to_assist()
     tester.run(80.0)
@@ -131,7 +131,7 @@ def _lost_one(tester: Tester) -> str:
     return "still Assist"
 
 
-def _dwell(tester: Tester) -> str:
+def _dwell(tester: ByHand) -> str:
     tester.to_ready()
     tester.wish = VERB
     if not tester.until(lambda: tester.hearing.state == "Assist", 100.0):

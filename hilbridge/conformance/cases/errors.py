@@ -7,7 +7,7 @@ from typing import NamedTuple
 
 from hilbridge.conformance.cases.case import Case, Run, risen, stays
 from hilbridge.conformance.findings import demand
-from hilbridge.conformance.tester import HOLD, SILENT, VERB, Tester
+from hilbridge.conformance.tester import HOLD, SILENT, VERB, ByHand
 from hilbridge.records import Frame
 
 _UNASSISTED = ("Follow", "Ready", "RampDown")
@@ -18,32 +18,32 @@ class Fault(NamedTuple):
 
     what: str
     counter: str
-    make: Callable[[Tester, Frame], Frame]
+    make: Callable[[ByHand, Frame], Frame]
 
 
-def _bad_crc(tester: Tester, frame: Frame) -> Frame:
+def _bad_crc(tester: ByHand, frame: Frame) -> Frame:
     del tester
     return frame._replace(data=bytes((frame.data[0] ^ 1, *frame.data[1:])))
 
 
-def _short(tester: Tester, frame: Frame) -> Frame:
+def _short(tester: ByHand, frame: Frame) -> Frame:
     del tester
     return frame._replace(data=frame.data[:7])
 
 
-def _repeated(tester: Tester, frame: Frame) -> Frame:
+def _repeated(tester: ByHand, frame: Frame) -> Frame:
     del frame
     return next(one for one in reversed(tester.sent) if one.can_id == tester.codec.messages["ACT_CMD"].can_id)
 
 
-def _jumping(tester: Tester, frame: Frame) -> Frame:
+def _jumping(tester: ByHand, frame: Frame) -> Frame:
     """Half a round further each time."""
     del frame
     tester.skipped = (tester.skipped + 90) & 0xFF
     return tester.frame("ACT_CMD", _hold_signals(tester), tester.skipped)
 
 
-def _hold_signals(tester: Tester) -> dict[str, int | float | str]:
+def _hold_signals(tester: ByHand) -> dict[str, int | float | str]:
     status = tester.hearing.newest["CTRL_STATUS"]
     return {"Gate": "Hold", "Verb": "None", "Session": tester.session, "Echo": status.counter, "SensingAge": 20}
 
@@ -51,7 +51,7 @@ def _hold_signals(tester: Tester) -> dict[str, int | float | str]:
 def _feeds_nothing(fault: Fault) -> Run:
     """HOLDs that are all bad: the command deadline has to run out as in silence, and each has to be counted."""
 
-    def run(tester: Tester) -> str:
+    def run(tester: ByHand) -> str:
         tester.anew()
         tester.to_ready()
         before = tester.counts(fault.counter)
@@ -75,7 +75,7 @@ def _feeds_nothing(fault: Fault) -> Run:
     return run
 
 
-def _forged(tester: Tester) -> str:
+def _forged(tester: ByHand) -> str:
     """An ACT with a MAC of another key."""
     tester.anew()
     tester.to_ready()
@@ -91,7 +91,7 @@ def _forged(tester: Tester) -> str:
     return "refused and counted"
 
 
-def _altered(tester: Tester) -> str:
+def _altered(tester: ByHand) -> str:
     """A right ACT_AUTH, for a command that was altered on its way and given a right CRC."""
     tester.anew()
     tester.to_ready()
@@ -105,7 +105,7 @@ def _altered(tester: Tester) -> str:
     return "refused"
 
 
-def _replayed_pair(tester: Tester) -> str:
+def _replayed_pair(tester: ByHand) -> str:
     """A pair that was accepted, once more: with its own counters, then with new ones and right CRCs."""
     tester.anew()
     tester.to_assist()
@@ -126,7 +126,7 @@ def _replayed_pair(tester: Tester) -> str:
     return "refused, twice"
 
 
-def _queue(tester: Tester) -> str:
+def _queue(tester: ByHand) -> str:
     """Everything that was sent in half a second of assisting, at once and a second later."""
     tester.anew()
     tester.to_assist()
@@ -145,7 +145,7 @@ def _queue(tester: Tester) -> str:
     return f"{len(stale)} stale frames, no assist"
 
 
-def _unknown(tester: Tester) -> str:
+def _unknown(tester: ByHand) -> str:
     """Identifiers that are nobody's change nothing."""
     tester.to_ready()
     before = tester.counts("RejUnknownId")

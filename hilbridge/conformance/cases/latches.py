@@ -6,13 +6,13 @@ from collections.abc import Callable
 
 from hilbridge.conformance.cases.case import Case, Run, stays
 from hilbridge.conformance.findings import Unshown, demand
-from hilbridge.conformance.tester import HOLD, SILENT, VERB, Tester
+from hilbridge.conformance.tester import HOLD, SILENT, VERB, ByHand
 from hilbridge.records import Frame
 
 _HAND_MS = 700.0
 
 
-def _latched(tester: Tester, reason: str, limit_ms: float, after: str) -> None:
+def _latched(tester: ByHand, reason: str, limit_ms: float, after: str) -> None:
     """Latched for that reason, and told by CTRL_EMCY; otherwise Broken."""
     latched = tester.until(lambda: tester.hearing.state == "Latched", limit_ms)
     demand(latched, f"{tester.hearing.state} ({tester.hearing.reason}) after {after}")
@@ -22,7 +22,7 @@ def _latched(tester: Tester, reason: str, limit_ms: float, after: str) -> None:
     demand(emergency is not None and emergency.signals["Code"] == reason, f"no CTRL_EMCY tells {reason}")
 
 
-def _trips(tester: Tester) -> str:
+def _trips(tester: ByHand) -> str:
     tester.anew()
     for count in (1, 2, 3):
         tester.to_ready()
@@ -35,7 +35,7 @@ def _trips(tester: Tester) -> str:
     return "Follow, Follow, Latched"
 
 
-def _macs(tester: Tester) -> str:
+def _macs(tester: ByHand) -> str:
     tester.anew()
     for count in (1, 2, 3):
         tester.to_ready()
@@ -50,7 +50,7 @@ def _macs(tester: Tester) -> str:
     return "the third latches"
 
 
-def _own_identifier(tester: Tester) -> str:
+def _own_identifier(tester: ByHand) -> str:
     tester.anew()
     tester.to_ready()
     tester.send(Frame(tester.codec.messages["CTRL_STATUS"].can_id, bytes(8)))
@@ -66,7 +66,7 @@ _FORMS: dict[str, Callable[[Frame], Frame]] = {
 }
 
 
-def _stop_forms(tester: Tester) -> str:
+def _stop_forms(tester: ByHand) -> str:
     for form, made in _FORMS.items():
         tester.to_ready()
         tester.send(made(Frame(tester.codec.messages["STOP"].can_id, b"")))
@@ -75,7 +75,7 @@ def _stop_forms(tester: Tester) -> str:
     return f"{', '.join(_FORMS)}: all stop"
 
 
-def _stop_in_follow(tester: Tester) -> str:
+def _stop_in_follow(tester: ByHand) -> str:
     tester.to_follow()
     if tester.hearing.state == "Ready":
         tester.wish = SILENT
@@ -86,7 +86,7 @@ def _stop_in_follow(tester: Tester) -> str:
     return "EStop"
 
 
-def _latch(tester: Tester) -> None:
+def _latch(tester: ByHand) -> None:
     """A latch to try things on, with HOLD present and at rest."""
     tester.plain()
     if tester.hearing.state != "Latched":
@@ -96,7 +96,7 @@ def _latch(tester: Tester) -> None:
         raise Unshown("an own identifier from outside does not latch it")
 
 
-def _stays(tester: Tester) -> str:
+def _stays(tester: ByHand) -> str:
     _latch(tester)
     stays(tester, ("Latched",), 400.0, "HOLDs in a latch")
     tester.wish = VERB
@@ -108,16 +108,16 @@ def _stays(tester: Tester) -> str:
     return "HOLD, ACT, arming, silence: Latched"
 
 
-def _pressed(tester: Tester, after: str) -> None:
+def _pressed(tester: ByHand, after: str) -> None:
     assert tester.setting.press is not None
     tester.setting.press()
     stays(tester, ("Latched",), _HAND_MS, after)
 
 
-def _lacks(what: str, prepare: Callable[[Tester], object]) -> Run:
+def _lacks(what: str, prepare: Callable[[ByHand], object]) -> Run:
     """The hand at the device, with one of the other things lacking."""
 
-    def run(tester: Tester) -> str:
+    def run(tester: ByHand) -> str:
         if tester.setting.press is None:
             raise Unshown("needs a hand at the device; give --clear-command, or a terminal")
         _latch(tester)
@@ -129,20 +129,20 @@ def _lacks(what: str, prepare: Callable[[Tester], object]) -> Run:
     return run
 
 
-def _silent_after_handshake(tester: Tester) -> None:
+def _silent_after_handshake(tester: ByHand) -> None:
     tester.handshake("ClearLatch")
     tester.run(60.0)
     tester.wish = SILENT
 
 
-def _no_hand(tester: Tester) -> str:
+def _no_hand(tester: ByHand) -> str:
     _latch(tester)
     tester.handshake("ClearLatch")
     stays(tester, ("Latched",), _HAND_MS, "an authenticated ClearLatch without a hand")
     return "Latched"
 
 
-def _reset(tester: Tester) -> str:
+def _reset(tester: ByHand) -> str:
     _latch(tester)
     began_ns = tester.line.now_ns()
     tester.clear()

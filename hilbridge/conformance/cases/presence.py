@@ -6,7 +6,7 @@ from itertools import pairwise
 
 from hilbridge.conformance.cases.case import Case, Run
 from hilbridge.conformance.findings import Unshown, demand
-from hilbridge.conformance.tester import Tester
+from hilbridge.conformance.tester import ByHand
 from hilbridge.limits import MS, PROTOCOL_VERSION
 
 _OFF = 0.05  # of a mean period
@@ -16,7 +16,7 @@ _WATCH_MS = 2_000.0
 def _period(name: str, cycle_ms: float) -> Run:
     """Mean and longest gap. A status may come earlier on a change of state: a device in FOLLOW does not change."""
 
-    def run(tester: Tester) -> str:
+    def run(tester: ByHand) -> str:
         tester.to_follow()
         tester.run(100.0)
         began_ns = tester.line.now_ns()
@@ -33,14 +33,14 @@ def _period(name: str, cycle_ms: float) -> Run:
     return run
 
 
-def _version(tester: Tester) -> str:
+def _version(tester: ByHand) -> str:
     tester.to_follow()
     version = tester.hearing.newest["CTRL_HB"].signals["ProtocolVersion"]
     demand(version == PROTOCOL_VERSION, f"version {version}")
     return f"version {version}"
 
 
-def _diag(tester: Tester) -> str:
+def _diag(tester: ByHand) -> str:
     tester.to_follow()
     asked_ns = tester.line.now_ns()
     tester.run(1_200.0)
@@ -50,7 +50,7 @@ def _diag(tester: Tester) -> str:
     return f"{len(told)} counters"
 
 
-def sound(tester: Tester) -> str:
+def sound(tester: ByHand) -> str:
     """Judged last, over everything that was heard."""
     hearing = tester.hearing
     if not hearing.log:

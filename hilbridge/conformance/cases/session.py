@@ -6,12 +6,12 @@ from itertools import pairwise
 
 from hilbridge.conformance.cases.case import Case, risen, stays
 from hilbridge.conformance.findings import Heard, Unshown, demand
-from hilbridge.conformance.tester import HOLD, SILENT, Tester
+from hilbridge.conformance.tester import HOLD, SILENT, ByHand
 
 _UNASSISTED = ("Follow", "Ready", "RampDown")
 
 
-def _arming(tester: Tester) -> str:
+def _arming(tester: ByHand) -> str:
     tester.to_follow()
     tester.wish = SILENT
     asked_ns = tester.line.now_ns()
@@ -33,7 +33,7 @@ def _arming(tester: Tester) -> str:
     return f"session {tester.session} after {took_ms:.0f} ms"
 
 
-def _neutral(tester: Tester) -> str:
+def _neutral(tester: ByHand) -> str:
     """Two HOLDs and an ACT, again and again, are never three HOLDs in a row."""
     tester.arm()
     tester.wish = SILENT
@@ -52,7 +52,7 @@ def _neutral(tester: Tester) -> str:
     return "Ready with the third HOLD in a row"
 
 
-def _unarmed(tester: Tester) -> str:
+def _unarmed(tester: ByHand) -> str:
     tester.to_ready()
     tester.wish = SILENT
     if not tester.until(lambda: tester.hearing.session == 0, 400.0):
@@ -69,7 +69,7 @@ def _unarmed(tester: Tester) -> str:
     return "2 ACTs, both refused and counted"
 
 
-def _foreign_session(tester: Tester) -> str:
+def _foreign_session(tester: ByHand) -> str:
     tester.to_ready()
     before = tester.counts("RejSession")
     tester.wish = SILENT
@@ -80,7 +80,7 @@ def _foreign_session(tester: Tester) -> str:
     return "refused and counted"
 
 
-def _late_response(tester: Tester) -> str:
+def _late_response(tester: ByHand) -> str:
     tester.to_follow()
     if tester.hearing.session:
         tester.wish = SILENT
@@ -95,7 +95,7 @@ def _late_response(tester: Tester) -> str:
     return "refused and counted"
 
 
-def _response_once(tester: Tester) -> str:
+def _response_once(tester: ByHand) -> str:
     """The same answer again, with a new counter, finds no challenge."""
     tester.to_follow()
     nonce = tester.setting.chance.getrandbits(32)
@@ -111,7 +111,7 @@ def _response_once(tester: Tester) -> str:
     return "the second is refused and counted"
 
 
-def _challenges(tester: Tester) -> str:
+def _challenges(tester: ByHand) -> str:
     tester.to_follow()
     nonces, numbers = [], []
     for _ in range(5):
@@ -128,7 +128,7 @@ def _challenges(tester: Tester) -> str:
     return f"sessions {numbers[0]} to {numbers[-1]}, no nonce twice"
 
 
-def _heartbeat(tester: Tester) -> str:
+def _heartbeat(tester: ByHand) -> str:
     """HOLDs go on, BRIDGE_HB stops: only the session is lost, and at its limit."""
     tester.to_ready()
     tester.run(100.0)

@@ -9,7 +9,7 @@ from typing import NamedTuple
 from hilbridge.conformance.cases.case import Case, Run
 from hilbridge.conformance.findings import Heard, Unshown, demand
 from hilbridge.conformance.hearing import shows_assist
-from hilbridge.conformance.tester import HOLD, SILENT, Tester
+from hilbridge.conformance.tester import HOLD, SILENT, ByHand
 from hilbridge.limits import MS
 
 STATUS_MS = 20.0
@@ -44,22 +44,22 @@ class Ending(NamedTuple):
 
     what: str
     limit_ms: float
-    act: Callable[[Tester], int]
+    act: Callable[[ByHand], int]
     into: tuple[str, ...]
 
 
-def _hold(tester: Tester) -> int:
+def _hold(tester: ByHand) -> int:
     tester.wish = HOLD
     tester.next_command_in(40.0)
     return tester.send(tester.command(HOLD))
 
 
-def _stop(tester: Tester) -> int:
+def _stop(tester: ByHand) -> int:
     tester.wish = SILENT
     return tester.stop()
 
 
-def _silence(tester: Tester) -> int:
+def _silence(tester: ByHand) -> int:
     """The time of the last command, which counts; a bridge that hangs sends no heartbeat either."""
     tester.wish, tester.beats = SILENT, False
     command_id = tester.codec.messages["ACT_AUTH"].can_id
@@ -74,7 +74,7 @@ ENDINGS = (
 )
 
 
-def _trial(tester: Tester, ending: Ending) -> Fall | None:
+def _trial(tester: ByHand, ending: Ending) -> Fall | None:
     """One phase; None where the frames came unevenly."""
     tester.to_assist()
     tester.run(tester.setting.chance.uniform(0.0, 80.0))
@@ -91,7 +91,7 @@ def _trial(tester: Tester, ending: Ending) -> Fall | None:
 
 
 def _falls(ending: Ending) -> Run:
-    def run(tester: Tester) -> str:
+    def run(tester: ByHand) -> str:
         margin_ms = tester.setting.margin_ms
         last, told = 0.0, 0.0
         for _ in range(tester.setting.phases):
@@ -110,7 +110,7 @@ def _falls(ending: Ending) -> Run:
     return run
 
 
-def _not_before(tester: Tester) -> str:
+def _not_before(tester: ByHand) -> str:
     """The command deadline is 100 ms: neither later nor so early that a lost frame trips it."""
     tester.anew()
     tester.to_assist()
