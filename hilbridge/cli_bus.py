@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -25,13 +26,18 @@ def register(app: typer.Typer) -> None:
     app.command("candump")(candump)
     app.command("docs")(docs)
     app.command()(conformance)
+    app.command()(plant)
 
 
-def dbc(out: Annotated[Path | None, typer.Option(help="file to write; default: print it")] = None) -> None:
+def dbc(
+    out: Annotated[Path | None, typer.Option(help="file to write; default: print it")] = None,
+    of_plant: Annotated[bool, typer.Option("--plant", help="the one of the plant bus (hilbridge plant)")] = False,
+) -> None:
     """The DBC of bridge and device, for cantools, SavvyCAN, Wireshark and your own firmware."""
     from hilbridge.wire.dbc import default_dbc_path
 
-    text = default_dbc_path().read_text(encoding="utf-8")
+    path = default_dbc_path()
+    text = (path.with_name("plant.dbc") if of_plant else path).read_text(encoding="utf-8")
     if out is None:
         typer.echo(text, nl=False)
     elif out.exists():
@@ -51,6 +57,32 @@ def docs(name: Annotated[str | None, typer.Argument(help="which; without it they
         raise InputError(f"docs {name}: no such document; there are {', '.join(known)}")
     else:
         typer.echo(known[name].read_text(encoding="utf-8"))
+
+
+def plant(
+    bus: Annotated[
+        str, typer.Option("--bus", help="a bus of its own: can1, vcan1, hilsim:NAME, any interface:channel")
+    ],
+    wearer_torque: Annotated[str, typer.Option(help="still, reach, sway or tremor")] = "reach",
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="stop after so long; default: at Ctrl-C")] = None,
+    json_log: Annotated[Path | None, typer.Option(metavar="FILE", help="torque every 5 ms, as JSON lines")] = None,
+    on_a_bench: Annotated[
+        bool, typer.Option("--i-am-on-a-bench", help="nobody wears the device; needed on a physical bus")
+    ] = False,
+) -> None:
+    """Run arm, motor and wearer in real time for a device under test, over a CAN bus of their own (dbc/plant.dbc)."""
+    command = [sys.executable, "-m", "firmware_sim.bench.process", "--bus", bus, "--wearer-torque", wearer_torque]
+    command += ["--seconds", str(seconds)] if seconds is not None else []
+    command += ["--json-log", str(json_log)] if json_log is not None else []
+    command += ["--i-am-on-a-bench"] if on_a_bench else []
+    with subprocess.Popen(command) as process:
+        while process.poll() is None:
+            try:
+                process.wait()
+            except KeyboardInterrupt:  # the plant has heard it, too, and says what it has counted
+                continue
+    if process.returncode:
+        raise typer.Exit(process.returncode)
 
 
 def conformance(

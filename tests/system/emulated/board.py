@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-HOME = Path(__file__).parents[2] / "firmware_sim" / "c" / "port" / "mps2_an386"
+HOME = Path(__file__).parents[3] / "firmware_sim" / "c" / "port" / "mps2_an386"
 TOOLS = ("make", "arm-none-eabi-gcc", "qemu-system-arm")
 MISSING = [tool for tool in TOOLS if shutil.which(tool) is None]
 OPENS_S = 30.0

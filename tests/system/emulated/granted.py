@@ -10,7 +10,7 @@ from collections import deque
 
 from hilbridge.limits import MS
 from hilbridge.records import Frame
-from tests.system.board import Board
+from tests.system.emulated.board import Board
 
 _PATIENCE_S = 120.0
 

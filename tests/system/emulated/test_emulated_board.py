@@ -19,9 +19,9 @@ from hilbridge.wire.codec import Codec
 from hilbridge.wire.keys import DEMO_KEY
 from hilbridge.wire.secoc import Authenticator
 from tests.safety.rig import ACT_POUR, HOLD
-from tests.system.board import MISSING, Board, emulated
-from tests.system.bridge_by_hand import BridgeByHand
-from tests.system.granted import GrantedLine
+from tests.system.emulated.board import MISSING, Board, emulated
+from tests.system.emulated.bridge_by_hand import BridgeByHand
+from tests.system.emulated.granted import GrantedLine
 
 pytestmark = pytest.mark.skipif(bool(MISSING), reason=f"not installed: {', '.join(MISSING)}")
 ACT_OPERATE = GateDecision(Action.ACT, 13, 0.9, HoldReason.NONE)
