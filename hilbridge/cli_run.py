@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 Flag = bool | None  # None leaves it to the configuration
 Camera = Annotated[str | None, typer.Option(help="device index, video file, or rtsp:// URL")]
 Gaze = Annotated[str | None, typer.Option(help="neon:[HOST], lsl:STREAM, udp:PORT; or Neon folder, BeGaze .txt, .csv")]
+Inertial = Annotated[str | None, typer.Option(help="hand acceleration: lsl:STREAM, udp:PORT, or iAssistADL folder")]
+Skeleton = Annotated[str | None, typer.Option(help="wrists: lsl:STREAM, udp:PORT, or iAssistADL folder")]
 CameraFps = Annotated[
     float | None, typer.Option(help="ask the camera for this rate, or play a file at it; ticks lock to 25")
 ]
@@ -58,6 +60,8 @@ def register(app: typer.Typer) -> None:
 def run(
     camera: Camera = None,
     gaze: Gaze = None,
+    inertial: Inertial = None,
+    skeleton: Skeleton = None,
     camera_fps: CameraFps = None,
     bus: Bus = None,
     bus_option: BusOption = None,
@@ -89,7 +93,8 @@ def run(
     from hilbridge.run import RunOptions
 
     given: dict[str, dict[str, object]] = {
-        "sensors": {"camera": camera, "camera_fps": camera_fps, "gaze": gaze, "hands": hands, "loop": loop},
+        "sensors": {"camera": camera, "gaze": gaze, "inertial": inertial, "skeleton": skeleton}
+        | {"camera_fps": camera_fps, "hands": hands, "loop": loop},
         "bus": {"spec": bus, "key_file": _text(key_file), "listen_only": listen_only, "arm": arm}
         | {"options": parse_options(bus_option) if bus_option else None},
         "model": {"bundle": _text(bundle)},
@@ -103,6 +108,8 @@ def run(
 def check(
     camera: Camera = None,
     gaze: Gaze = None,
+    inertial: Inertial = None,
+    skeleton: Skeleton = None,
     camera_fps: CameraFps = None,
     config: ConfigFile = None,
     seconds: Annotated[float, typer.Option(min=1.0, help="how long to look")] = 10.0,
@@ -120,7 +127,8 @@ def check(
     from hilbridge.terminal import print_findings
 
     given: dict[str, dict[str, object]] = {
-        "sensors": {"camera": camera, "camera_fps": camera_fps, "gaze": gaze, "hands": hands}
+        "sensors": {"camera": camera, "gaze": gaze, "inertial": inertial, "skeleton": skeleton}
+        | {"camera_fps": camera_fps, "hands": hands}
     }
     sensors = load_config(config, given).sensors
     seen = look(open_senses(sensors), seconds, lambda line: None if as_json else typer.echo(line))

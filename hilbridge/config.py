@@ -56,6 +56,15 @@ class SensorsConfig(_Part):
     )
     gaze_same_camera: bool = Field(False, description="the camera shows the eye tracker's own scene picture")
     lsl: LslSection = LslSection()
+    inertial: str | None = Field(
+        None, description="hand acceleration for the tremor guard: lsl:STREAM, udp:PORT, or an iAssistADL folder"
+    )
+    skeleton: str | None = Field(
+        None, description="wrists that stand in for hands the camera does not see: lsl:STREAM, udp:PORT, or a folder"
+    )
+    skeleton_projection: list[float] | None = Field(
+        None, description="twelve numbers, row by row: from metres of the skeleton to 0..1 of the camera's picture"
+    )
     hands: bool = Field(True, description="find hands with MediaPipe (extra `hands`)")
     hand_model: str | None = Field(None, description="hand_landmarker.task; default: the user's data folder")
     hand_model_sha256: str | None = Field(
@@ -64,6 +73,7 @@ class SensorsConfig(_Part):
     loop: bool = Field(False, description="start a recording again at its end")
     camera_timeout_ms: Annotated[int, Field(gt=0, le=SENSING_LIMIT_MS)] = SENSOR_TIMEOUT_MS
     gaze_timeout_ms: Annotated[int, Field(gt=0, le=SENSING_LIMIT_MS)] = SENSOR_TIMEOUT_MS
+    inertial_timeout_ms: Annotated[int, Field(gt=0, le=SENSING_LIMIT_MS)] = SENSOR_TIMEOUT_MS
     freeze_ms: Annotated[
         int, Field(gt=0, le=FREEZE_LIMIT_MAX_MS, description="identical pictures for so long are a frozen camera")
     ] = FREEZE_LIMIT_MS

@@ -52,6 +52,11 @@ def gaze_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None, *, li
     return SensorSeen("gaze", alive, captured_ns, None, max(limit_ns - TICK_NS, limit_ns // 2) if live else limit_ns)
 
 
+def inertial_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None) -> SensorSeen:
+    """The inertial sensors against their limit: without them nobody sees a quick tremor."""
+    return SensorSeen("inertial", alive, captured_ns, None, limits.inertial_timeout_ms * MS)
+
+
 def hands_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None) -> SensorSeen:
     """A hand detector that can die or hang, by the newest picture that it answered."""
     return SensorSeen("hands", alive, captured_ns, None, limits.camera_timeout_ms * MS)

@@ -10,7 +10,7 @@ from dataclasses import replace
 from hilbridge.bus.port.asyncio_port import BusPort
 from hilbridge.bus.port.state import PortState, SendResult
 from hilbridge.limits import STOP_GAP_NS, STOP_REPEATS, TICK_GRACE_NS
-from hilbridge.records import CameraFrame, FeatureVector, Frame, GazeSample
+from hilbridge.records import BodySample, CameraFrame, FeatureVector, Frame, GazeSample
 from hilbridge.rows import (
     CountersRow,
     EventRow,
@@ -19,6 +19,7 @@ from hilbridge.rows import (
     SensorsRow,
     TickRow,
     belief_row,
+    body_row,
     features_row,
     gaze_row,
     hands_row,
@@ -30,6 +31,7 @@ from hilbridge.runtime.account.device_view import DeviceView
 from hilbridge.runtime.account.judge import Judge
 from hilbridge.runtime.account.losses import Losses
 from hilbridge.runtime.account.notices import DEAF_NS, Facts, Notices
+from hilbridge.runtime.body import Kind
 from hilbridge.runtime.node import BridgeNode
 from hilbridge.runtime.phase import locks_to, next_tick
 from hilbridge.runtime.senses import Senses
@@ -105,7 +107,9 @@ class LiveBridge:
         self.senses.vision.on_event = lambda text: _call_on(loop, lambda: self._note_event(text))
         if self.senses.gaze is not None:
             self.senses.gaze.on_value = self._note_gaze
-            self.senses.gaze.on_event = lambda text: _call_on(loop, lambda: self._note_event(text))
+        self.senses.body.on_sample = self._note_body
+        for device in self.senses.devices:
+            device.on_event = lambda text: _call_on(loop, lambda: self._note_event(text))
         await asyncio.to_thread(self.senses.start)
         try:
             async with asyncio.TaskGroup() as tasks:
@@ -159,14 +163,18 @@ class LiveBridge:
                 return self.senses.take()
 
     def _tick(self, vector: FeatureVector | None, now_ns: int) -> None:
-        tick = self.node.tick(vector, self.senses.seen(), now_ns)
+        felt = self.senses.body.felt
+        tick = self.node.tick(vector, self.senses.seen(), now_ns, None if felt is None else felt.trembling)
         self._send_all(tick.frames)
         sent_ns = self._clock_ns()
+        line = None if felt is None else felt.line
         truth = None if self._judge is None else self._judge(now_ns, tick.decision.verb_index)
         row = replace(
             with_truth(tick.row, truth),
             work_ms=round((sent_ns - now_ns) / 1e6, 3),
             latency_ms=None if vector is None else round((sent_ns - vector.captured_ns) / 1e6, 3),
+            felt_hz=None if line is None else round(line.hz, 2),
+            felt_rms=None if line is None else round(line.rms, 3),
         )
         if tick.belief is not None:
             self._record(belief_row(tick.belief, now_ns))
@@ -182,6 +190,9 @@ class LiveBridge:
 
     def _note_gaze(self, sample: GazeSample) -> None:
         self._record(gaze_row(sample, self._clock_ns()))
+
+    def _note_body(self, kind: Kind, sample: BodySample) -> None:
+        self._record(body_row(kind, sample, self._clock_ns()))
 
     def _note_event(self, text: str) -> None:
         self._record(EventRow(self._clock_ns(), text))

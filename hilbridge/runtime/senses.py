@@ -1,4 +1,4 @@
-"""Camera, gaze and the vision worker as one thing that is started, asked and stopped together."""
+"""Camera, gaze, sensors on the body and the vision worker as one thing that is started, asked and stopped together."""
 
 from __future__ import annotations
 
@@ -14,6 +14,7 @@ from hilbridge.features.plane import homography_of
 from hilbridge.limits import MS
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample
 from hilbridge.rows import ClockRow, SourceAccount
+from hilbridge.runtime.body import BodySenses, body_projection, open_body
 from hilbridge.runtime.health import SensorSeen, camera_seen, gaze_seen, hands_seen
 from hilbridge.runtime.vision import FindsHands, VisionWorker
 from hilbridge.sensors.clock import DeviceClock
@@ -34,11 +35,19 @@ class Senses:
         *,
         camera_fps: float,
         config: SensorsConfig,
+        body: BodySenses | None = None,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         self.camera, self.gaze, self.camera_fps = camera, gaze, camera_fps
         self.vision = VisionWorker(camera.cell, gaze.cell if gaze else None, find_hands, clock_ns)
+        self.body = body or BodySenses()
+        self.vision.wrists = self.body.wrists
         self._config = config
+
+    @property
+    def devices(self) -> tuple[Source[Any], ...]:
+        """The sources that run beside the camera, each by itself."""
+        return (*([] if self.gaze is None else [self.gaze]), *self.body.sources.values())
 
     def start(self) -> None:
         """Start the worker first, so that a slow detector does not make the first pictures old."""
@@ -47,13 +56,13 @@ class Senses:
         if isinstance(self.vision.failure, InputError):
             raise self.vision.failure
         self.camera.start()
-        if self.gaze is not None:
-            self.gaze.start()
+        for device in self.devices:
+            device.start()
 
     def stop(self) -> None:
         self.camera.stop()
-        if self.gaze is not None:
-            self.gaze.stop()
+        for device in self.devices:
+            device.stop()
         self.vision.stop()
 
     def take(self) -> FeatureVector | None:
@@ -64,7 +73,7 @@ class Senses:
     def ended(self) -> bool:
         """True when a recording was played to its end."""
         gaze_ended = self.gaze is not None and self.gaze.state is SourceState.ENDED
-        return gaze_ended or self.camera.state is SourceState.ENDED
+        return gaze_ended or self.body.ended or self.camera.state is SourceState.ENDED
 
     def seen(self) -> tuple[SensorSeen, ...]:
         """What each source last said, for `health`."""
@@ -77,25 +86,29 @@ class Senses:
             seen.append(gaze_seen(config, running, gaze.last_captured_ns, live=gaze.live))
         if vision.hands_alive is not None:
             seen.append(hands_seen(config, vision.hands_alive, vision.hands_ns))
-        return tuple(seen)
+        return (*seen, *self.body.seen(config))
 
     def clocks(self, now_ns: int) -> tuple[ClockRow, ...]:
         """What is known of the clocks of devices that have their own."""
-        clock: DeviceClock | None = getattr(self.gaze, "clock", None)
-        if self.gaze is None or clock is None or clock.fit is None:
-            return ()
-        fit = clock.fit
-        bound_ms, residual_ms = fit.bound_ns(now_ns) / MS, fit.residual_ns / MS
-        offset_ns = fit.offset_at(now_ns)
-        return (
-            ClockRow(now_ns, self.gaze.name, offset_ns, fit.drift_ppm, residual_ms, bound_ms, fit.probes, clock.steps),
-        )
+        rows = []
+        for device in self.devices:
+            clock: DeviceClock | None = getattr(device, "clock", None)
+            fit = None if clock is None else clock.fit
+            if clock is None or fit is None:
+                continue
+            bound_ms, residual_ms = fit.bound_ns(now_ns) / MS, fit.residual_ns / MS
+            offset_ns = fit.offset_at(now_ns)
+            rows.append(
+                ClockRow(now_ns, device.name, offset_ns, fit.drift_ppm, residual_ms, bound_ms, fit.probes, clock.steps)
+            )
+        return tuple(rows)
 
     def accounts(self) -> dict[str, SourceAccount]:
         """Every value of every cell and what became of it."""
         cells: dict[str, Any] = {"camera": self.camera.cell, "features": self.vision.vectors}
         if self.gaze is not None:
             cells["gaze"] = self.gaze.cell
+        cells |= {name: source.cell for name, source in self.body.sources.items()}
         accounts: dict[str, SourceAccount] = {}
         for name, cell in cells.items():
             counts = cell.counts()
@@ -147,6 +160,7 @@ def open_senses(config: SensorsConfig) -> Senses:
     # Cheap checks first: nothing is started, and no device taken, for a run that cannot begin.
     plane = None if config.gaze_homography is None else homography_of(config.gaze_homography)
     _refuse_to_guess(config)
+    projection = body_projection(config)
     live = config.gaze is not None and is_live(config.gaze)
     recording = open_gaze(Path(config.gaze)) if config.gaze is not None and not live else None
     model = Path(config.hand_model) if config.hand_model is not None else hand_model_path()
@@ -172,4 +186,7 @@ def open_senses(config: SensorsConfig) -> Senses:
         gaze = open_tracker(config)
     if gaze is not None and plane is not None:
         gaze.adjust = plane.sample
-    return Senses(camera, gaze, find_hands if config.hands else None, camera_fps=camera.fps, config=config)
+    inertial = None if config.inertial is None else open_body("inertial", config.inertial, loop=config.loop)
+    skeleton = None if config.skeleton is None else open_body("skeleton", config.skeleton, loop=config.loop)
+    body = BodySenses(inertial, skeleton, projection)
+    return Senses(camera, gaze, find_hands if config.hands else None, camera_fps=camera.fps, config=config, body=body)

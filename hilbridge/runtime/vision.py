@@ -10,6 +10,7 @@ from typing import Protocol
 import cv2
 
 from hilbridge.features.assembler import FeatureAssembler
+from hilbridge.features.wrists import WristHands, stood_in
 from hilbridge.priority import Level, take_level
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample, HandTracks
 from hilbridge.rows import Look
@@ -29,7 +30,7 @@ class VisionWorker:
     `find_hands` is made in the worker's own thread (MediaPipe wants one thread) and may be None: hands are then masked.
     `on_vector` is called in the worker's thread after each, then `on_look` with the picture and all that was made of it.
     `hands_alive` is the detector's own word where it has one, `hands_ns` the newest picture that it answered.
-    `freeze` knows when the picture's content last changed.
+    `freeze` knows when the picture's content last changed. `wrists` stand in for hands that the picture does not show.
     """
 
     def __init__(
@@ -47,6 +48,7 @@ class VisionWorker:
         self.last_ready_ns: int | None = None
         self.hands_alive: bool | None = None  # None: nothing that can die finds them
         self.hands_ns: int | None = None
+        self.wrists: WristHands | None = None
         self.on_event: Callable[[str], None] = lambda text: None
         self.on_vector: Callable[[], None] = lambda: None
         self.on_look: Callable[[CameraFrame, Look], None] = lambda frame, look: None
@@ -94,6 +96,7 @@ class VisionWorker:
         self.hands_alive = getattr(detector, "alive", None)
         self.hands_ns = self.hands_ns if hands is None else frame.captured_ns
         self.frames_with_hands += bool(hands and hands.hands)
+        hands = stood_in(hands, self.wrists, frame.captured_ns)
         gaze = self._gaze.take() if self._gaze is not None else None
         vector = assembler.update(frame, gaze, hands, frame.captured_ns)
         ready_ns = self.last_ready_ns = self._clock_ns()

@@ -56,7 +56,7 @@ def test_what_is_wrong_is_said_with_its_cure(changes: dict[str, object], subject
 
 
 def test_nothing_asked_for_is_nothing_judged() -> None:
-    findings = judge(sound(), with_gaze=False, with_hands=False)
+    findings = judge(replace(sound(), clocks=()), with_gaze=False, with_hands=False)
     assert [(finding.subject, finding.verdict) for finding in findings] == [
         ("camera", Verdict.WELL),
         ("gaze", Verdict.NOTE),
