@@ -120,7 +120,8 @@ def check_body(what: str, spec: str | None) -> Finding:
     def look() -> Finding:
         if not is_live(spec):
             streams = BodyRecording(what, Path(spec)).streams
-            return judge_body(what, spec, {one.name: one.rate_hz for one in streams}, "; ".join(map(str, streams)))
+            lost = ", ".join(f"{one.name} {one.lost}" for one in streams)
+            return judge_body(what, spec, {one.name: one.rate_hz for one in streams}, f"lost: {lost}")
         source = open_live_body(what, spec, {"inertial": "HAND", "skeleton": "WRIST"}[what])
         samples, seconds = _heard(source)
         counts = Counter(sample.sensor for sample in samples if sample.valid)
