@@ -74,6 +74,7 @@ class LiveBridge:
         self._stopping = asyncio.Event()
         self._new_features = asyncio.Event()
         self._device = DeviceView()
+        self._clock_known = False
         self._port_drops = 0
         self.losses = Losses()
 
@@ -268,8 +269,14 @@ class LiveBridge:
     def _keep_house(self) -> None:
         now_ns = self._clock_ns()
         self._record(SensorsRow(now_ns, self.senses.accounts()))
-        for row in self.senses.clocks(now_ns):
+        clocks = self.senses.clocks(now_ns)
+        for row in clocks:
             self._record(row)
+        self._clock_known = self._clock_known or bool(clocks)
+        if self._clock_known:  # where nobody has a clock of his own, nothing is said of it
+            worst = max(clocks, key=lambda row: row.bound_ms, default=None)
+            bound_ns, residual_ns = (None, 0) if worst is None else (worst.bound_ms * 1e6, worst.residual_ms * 1e6)
+            self.node.on_clock(None if bound_ns is None else round(bound_ns), round(residual_ns))
         self._record(CountersRow(now_ns, self.counters()))
 
     def counters(self, withdrawn: int | None = None) -> dict[str, int]:

@@ -30,6 +30,9 @@ _BUS_STATES = {  # of BRIDGE_DIAG; 0 is unknown
 }
 
 
+_UNKNOWN_US = 0xFFFFFFFF
+
+
 @dataclass(frozen=True, slots=True)
 class Tick:
     """What one tick came to: frames to send in order, the decision as sent, a row for the recording, and the belief in
@@ -91,6 +94,11 @@ class BridgeNode:
         self.bridge.on_bus_state(_BUS_STATES.get(controller, 0), bus_off)
         if bus_off or not link_up:
             self.bridge.on_send_failed(bus_down=True)
+
+    def on_clock(self, bound_ns: int | None, residual_ns: int) -> None:
+        """How well the least known clock of a live device is known, for BRIDGE_DIAG; None: not at all just now."""
+        self.bridge.diag["ClockBoundUs"] = _UNKNOWN_US if bound_ns is None else min(bound_ns // 1000, _UNKNOWN_US)
+        self.bridge.diag["ClockResidualUs"] = min(residual_ns // 1000, _UNKNOWN_US)
 
     def tick(
         self,
