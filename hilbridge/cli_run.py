@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from hilbridge.run import Outcome, RunOptions
 
 Flag = bool | None  # None leaves it to the configuration
-Camera = Annotated[str | None, typer.Option(help="device index, video file, or rtsp:// URL")]
+Camera = Annotated[str | None, typer.Option(help="device index, video file, rtsp:// URL, or neon:")]
 Gaze = Annotated[str | None, typer.Option(help="neon:[HOST], lsl:STREAM, udp:PORT; or Neon folder, BeGaze .txt, .csv")]
 Inertial = Annotated[str | None, typer.Option(help="hand acceleration: lsl:STREAM, udp:PORT, or iAssistADL folder")]
 Skeleton = Annotated[str | None, typer.Option(help="wrists: lsl:STREAM, udp:PORT, or iAssistADL folder")]

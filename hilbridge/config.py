@@ -10,7 +10,7 @@ import difflib
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -38,12 +38,17 @@ class LslSection(_Part):
 class SensorsConfig(_Part):
     """Where pictures and gaze come from, and how long each may be silent before the bridge holds."""
 
-    camera: str | None = Field(None, description="device index, video file, or rtsp:// URL")
+    camera: str | None = Field(
+        None, description="device index, video file, rtsp:// URL, or neon: (of the glasses in `gaze`)"
+    )
     camera_fps: Annotated[float, Field(ge=1.0, le=240.0)] | None = Field(
         None, description="rate to ask a camera for, or to play a file at; default: its own"
     )
     camera_latency_ms: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
         0.0, description="age of a picture on arrival (exposure, transfer), where its driver gives no stamp"
+    )
+    camera_reader: Literal["auto", "pyav", "opencv"] = Field(
+        "auto", description="what reads pictures; auto: PyAV for streams where it is installed, else OpenCV"
     )
     gaze: str | None = Field(
         None, description="neon:[HOST], lsl:STREAM, udp:PORT; or a Neon recording folder, BeGaze .txt, or .csv"

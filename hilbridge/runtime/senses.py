@@ -20,6 +20,8 @@ from hilbridge.runtime.vision import FindsHands, VisionWorker
 from hilbridge.sensors.clock import DeviceClock
 from hilbridge.sensors.source import Source, SourceState
 
+SCENE = "neon:"  # as --camera: the scene camera of the glasses that --gaze names
+
 if TYPE_CHECKING:
     from hilbridge.sensors.live.base import LiveGaze
 
@@ -138,14 +140,34 @@ def _host_of(url: str) -> str | None:
 def _refuse_to_guess(config: SensorsConfig) -> None:
     """Gaze of a Neon is of its own scene camera. In another camera's picture it would point at the wrong thing."""
     kind, _, host = (config.gaze or "").partition(":")
+    if config.camera == SCENE and kind != "neon":
+        raise InputError(
+            f"camera {SCENE}: is the scene camera of the glasses in --gaze neon:, and gaze is {config.gaze}"
+        )
     if kind != "neon" or config.gaze_homography is not None or config.gaze_same_camera:
         return
     host = host.partition(":")[0]
+    if config.camera == SCENE:
+        return
     if not host or _host_of(config.camera or "") != host:
         raise InputError(
             f"gaze {config.gaze}: is of the glasses' own scene camera, and nothing says that --camera {config.camera} shows "
             "its picture; set gaze_same_camera = true or gaze_homography in [sensors] (docs/live-gaze.md)"
         )
+
+
+def _scene_of(tracker: LiveGaze | None, camera: str) -> tuple[str, DeviceClock | None]:
+    """What `camera` is, and the clock of its stamps where the eye tracker has the same. Raises InputError."""
+    from hilbridge.sensors.live.neon import NeonGaze
+
+    if not isinstance(tracker, NeonGaze):
+        return camera, None
+    scene = tracker.glasses.scene_url
+    if camera == SCENE:
+        if scene is None:
+            raise InputError(f"camera {SCENE}: the phone says that no scene camera is connected; look at the glasses")
+        return scene, tracker.clock
+    return camera, tracker.clock if scene is not None and _host_of(scene) == _host_of(camera) else None
 
 
 def open_senses(config: SensorsConfig) -> Senses:
@@ -154,6 +176,7 @@ def open_senses(config: SensorsConfig) -> Senses:
     from hilbridge.sensors.gaze import GazePlayer, open_gaze
     from hilbridge.sensors.live.spec import is_live
     from hilbridge.sensors.models import hand_model_path, load_hand_model
+    from hilbridge.sensors.pictures.capture import Reader
 
     if config.camera is None:
         raise InputError("no camera is given; add --camera INDEX|FILE|URL (or [sensors] camera in bridge.toml)")
@@ -176,14 +199,21 @@ def open_senses(config: SensorsConfig) -> Senses:
 
         return HandsApart(open_detector, model, config.hand_model_sha256)
 
-    camera = CameraSource(
-        config.camera, loop=config.loop, fps=config.camera_fps, latency_ns=round(config.camera_latency_ms * MS)
-    )
     gaze: Source[GazeSample] | None = None
+    tracker: LiveGaze | None = None
     if recording is not None:
         gaze = GazePlayer(recording, loop=config.loop)
     elif config.gaze is not None:
-        gaze = open_tracker(config)
+        gaze = tracker = open_tracker(config)
+    spec, clock = _scene_of(tracker, config.camera)
+    camera = CameraSource(
+        spec,
+        loop=config.loop,
+        fps=config.camera_fps,
+        latency_ns=round(config.camera_latency_ms * MS),
+        reader=Reader(config.camera_reader),
+        clock=clock,
+    )
     if gaze is not None and plane is not None:
         gaze.adjust = plane.sample
     inertial = None if config.inertial is None else open_body("inertial", config.inertial, loop=config.loop)
