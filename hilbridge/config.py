@@ -35,6 +35,15 @@ class LslSection(_Part):
     worn: Annotated[int, Field(ge=0)] | str | None = Field(None, description="channel above 0 while worn")
 
 
+class LensSection(_Part):
+    """A camera's intrinsics, as cv2.calibrateCamera gives them, and the size of the pictures that they were made of."""
+
+    width: Annotated[int, Field(gt=0)]
+    height: Annotated[int, Field(gt=0)]
+    matrix: list[float] = Field(description="fx, fy, cx, cy in pixels")
+    distortion: list[float] = Field(description="4, 5 or 8 coefficients")
+
+
 class SensorsConfig(_Part):
     """Where pictures and gaze come from, and how long each may be silent before the bridge holds."""
 
@@ -56,8 +65,21 @@ class SensorsConfig(_Part):
     gaze_latency_ms: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
         0.0, description="age of a sample on arrival, where the sender gives no stamp (udp)"
     )
+    gaze_offset_ms: Annotated[float, Field(ge=-1000.0, le=1000.0)] = Field(
+        0.0, description="added to the stamps of gaze, where it shares no clock with the camera (`hilbridge align`)"
+    )
+    inertial_offset_ms: Annotated[float, Field(ge=-1000.0, le=1000.0)] = Field(
+        0.0, description="added to the stamps of inertial sensors, likewise"
+    )
     gaze_homography: list[float] | None = Field(
         None, description="nine numbers, row by row: from 0..1 of the eye tracker's picture to 0..1 of the camera's"
+    )
+    gaze_lens: LensSection | None = Field(
+        None,
+        description="intrinsics of the eye tracker's scene camera: gaze is straightened by them before the homography",
+    )
+    camera_lens: LensSection | None = Field(
+        None, description="intrinsics of the camera: gaze is bent by them after the homography"
     )
     gaze_same_camera: bool = Field(False, description="the camera shows the eye tracker's own scene picture")
     lsl: LslSection = LslSection()

@@ -80,14 +80,24 @@ def body_projection(config: SensorsConfig) -> Projection | None:
 
 
 def open_body(
-    what: str, spec: str, *, loop: bool = False, clock_ns: Callable[[], int] = time.monotonic_ns
+    what: str,
+    spec: str,
+    *,
+    loop: bool = False,
+    offset_ns: int = 0,
+    clock_ns: Callable[[], int] = time.monotonic_ns,
 ) -> Source[BodySample]:
-    """The source that a spec names (`what`: inertial, skeleton), not started. Raises InputError."""
+    """The source that a spec names (`what`: inertial, skeleton), not started. Raises InputError.
+
+    offset_ns: added to its stamps.
+    """
     from pathlib import Path
 
     from hilbridge.sensors.live.spec import is_live, open_live_body
     from hilbridge.sensors.recorded.body import BodyPlayer, BodyRecording
 
     if is_live(spec):
-        return open_live_body(what, spec, {"inertial": "HAND", "skeleton": "WRIST"}[what])
-    return BodyPlayer(what, BodyRecording(what, Path(spec)), loop=loop, clock_ns=clock_ns)
+        device = open_live_body(what, spec, {"inertial": "HAND", "skeleton": "WRIST"}[what])
+        device.offset_ns = offset_ns
+        return device
+    return BodyPlayer(what, BodyRecording(what, Path(spec), offset_ns), loop=loop, clock_ns=clock_ns)

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 from urllib.parse import urlsplit
 
 from hilbridge.config import SensorsConfig
 from hilbridge.errors import InputError
+from hilbridge.features.lens import GazeMap, lens_of
 from hilbridge.features.plane import homography_of
 from hilbridge.limits import MS
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample
@@ -127,7 +129,24 @@ def open_tracker(config: SensorsConfig) -> LiveGaze:
     from hilbridge.sensors.live.spec import open_live_gaze
 
     assert config.gaze is not None
-    return open_live_gaze(config.gaze, LslChannels(**config.lsl.model_dump()), round(config.gaze_latency_ms * MS))
+    tracker = open_live_gaze(config.gaze, LslChannels(**config.lsl.model_dump()), round(config.gaze_latency_ms * MS))
+    tracker.offset_ns = round(config.gaze_offset_ms * MS)
+    return tracker
+
+
+def gaze_map(config: SensorsConfig) -> GazeMap | None:
+    """How gaze gets into the camera's picture; None where both are one. Raises InputError."""
+    plane = None if config.gaze_homography is None else homography_of(config.gaze_homography)
+    lenses = [
+        None if lens is None else lens_of(key, (lens.width, lens.height), lens.matrix, lens.distortion)
+        for key, lens in (("gaze_lens", config.gaze_lens), ("camera_lens", config.camera_lens))
+    ]
+    if plane is None and not config.gaze_same_camera and any(lenses):
+        raise InputError(
+            "gaze_lens, camera_lens: straighten pictures, but not which of them lies where in the other; "
+            "set gaze_homography (of straightened pictures) or gaze_same_camera = true"
+        )
+    return GazeMap(lenses[0], plane, lenses[1]) if plane is not None or any(lenses) else None
 
 
 def _host_of(url: str) -> str | None:
@@ -181,7 +200,7 @@ def open_senses(config: SensorsConfig) -> Senses:
     if config.camera is None:
         raise InputError("no camera is given; add --camera INDEX|FILE|URL (or [sensors] camera in bridge.toml)")
     # Cheap checks first: nothing is started, and no device taken, for a run that cannot begin.
-    plane = None if config.gaze_homography is None else homography_of(config.gaze_homography)
+    carried = gaze_map(config)
     _refuse_to_guess(config)
     projection = body_projection(config)
     live = config.gaze is not None and is_live(config.gaze)
@@ -202,7 +221,8 @@ def open_senses(config: SensorsConfig) -> Senses:
     gaze: Source[GazeSample] | None = None
     tracker: LiveGaze | None = None
     if recording is not None:
-        gaze = GazePlayer(recording, loop=config.loop)
+        offset_ns = round(config.gaze_offset_ms * MS)
+        gaze = GazePlayer(replace(recording, time_ns=recording.time_ns + offset_ns), loop=config.loop)
     elif config.gaze is not None:
         gaze = tracker = open_tracker(config)
     spec, clock = _scene_of(tracker, config.camera)
@@ -214,9 +234,11 @@ def open_senses(config: SensorsConfig) -> Senses:
         reader=Reader(config.camera_reader),
         clock=clock,
     )
-    if gaze is not None and plane is not None:
-        gaze.adjust = plane.sample
-    inertial = None if config.inertial is None else open_body("inertial", config.inertial, loop=config.loop)
+    if gaze is not None and carried is not None:
+        gaze.adjust = carried.sample
+    inertial, felt_ns = None, round(config.inertial_offset_ms * MS)
+    if config.inertial is not None:
+        inertial = open_body("inertial", config.inertial, loop=config.loop, offset_ns=felt_ns)
     skeleton = None if config.skeleton is None else open_body("skeleton", config.skeleton, loop=config.loop)
     body = BodySenses(inertial, skeleton, projection)
     return Senses(camera, gaze, find_hands if config.hands else None, camera_fps=camera.fps, config=config, body=body)

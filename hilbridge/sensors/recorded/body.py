@@ -20,17 +20,17 @@ FILES = {"inertial": INERTIAL, "skeleton": SKELETON}
 class BodyRecording:
     """The samples of a folder's `what` (inertial, skeleton), on the clock of its gaze, whose first sample is at 0.
 
-    Raises InputError for a folder without them.
+    offset_ns: added to their stamps. Raises InputError for a folder without them.
     """
 
-    def __init__(self, what: str, folder: Path) -> None:
+    def __init__(self, what: str, folder: Path, offset_ns: int = 0) -> None:
         if not folder.is_dir():
             raise InputError(f"{what} {folder}: no such folder; give lsl:STREAM, udp:PORT or a recording's folder")
         found = read_iassistadl(folder)
         self.streams = streams_of(what, found)
         if not self.streams:
             raise InputError(f"{what} {folder}: has no {FILES[what]}, or nothing of use in it; leave --{what} out")
-        self.origin_ns = int(found.gaze.time_ns[0])
+        self.origin_ns = int(found.gaze.time_ns[0]) - offset_ns
 
     def samples(self) -> Iterator[BodySample]:
         """All of them in their order, stamped from 0; what was before is left out."""
