@@ -29,7 +29,7 @@ class Lens:
 
     def straight(self, x: float, y: float) -> tuple[float, float]:
         """Where a point would be without the lens's bending."""
-        points = np.array([[[x * self.width_px, y * self.height_px]]])
+        points = np.array([[[x * self.width_px, y * self.height_px]]], float)
         matrix = self._matrix()
         found = cv2.undistortPoints(points, matrix, np.array(self.distortion), P=matrix)[0, 0]
         return float(found[0]) / self.width_px, float(found[1]) / self.height_px
@@ -37,7 +37,7 @@ class Lens:
     def bent(self, x: float, y: float) -> tuple[float, float]:
         """Where a point of the straight picture is in the camera's own."""
         fx, fy, cx, cy = self.matrix
-        ray = np.array([[(x * self.width_px - cx) / fx, (y * self.height_px - cy) / fy, 1.0]])
+        ray = np.array([[(x * self.width_px - cx) / fx, (y * self.height_px - cy) / fy, 1.0]], float)
         found, _ = cv2.projectPoints(ray, np.zeros(3), np.zeros(3), self._matrix(), np.array(self.distortion))
         return float(found[0, 0, 0]) / self.width_px, float(found[0, 0, 1]) / self.height_px
 
