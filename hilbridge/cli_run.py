@@ -48,6 +48,7 @@ MarkLsl = Annotated[str | None, typer.Option(metavar="NAME", help="label by an L
 ClearLatch = Annotated[
     bool, typer.Option("--clear-latch", help="authenticate clearing a latch or STOP; confirm it at the device")
 ]
+Profile = Annotated[bool, typer.Option("--profile", help="say how long each stage took: p50, p99, max")]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text")]
 
 
@@ -84,6 +85,7 @@ def run(
     mark: Mark = None,
     mark_lsl: MarkLsl = None,
     clear_latch: ClearLatch = False,
+    profile: Profile = False,
     as_json: Json = False,
 ) -> None:
     """Run the bridge on a camera and an eye tracker (live or recorded) until they end or Ctrl-C."""
@@ -101,7 +103,8 @@ def run(
         "recording": {"video": video, "rotate_mb": rotate_mb, "rotate_minutes": rotate_minutes, "retain_days": retain}
         | {"participant": participant, "blur_faces": blur_faces},
     }
-    asked = RunOptions("", seconds, clear_latch=clear_latch, marks=MarkOptions(keys_of(mark or []), mark_lsl))
+    marks = MarkOptions(keys_of(mark or []), mark_lsl)
+    asked = RunOptions("", seconds, clear_latch=clear_latch, profile=profile, marks=marks)
     print_or_json(_run(config, given, asked, out, force=force, quiet=as_json), as_json)
 
 

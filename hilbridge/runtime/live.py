@@ -31,6 +31,7 @@ from hilbridge.runtime.account.device_view import DeviceView
 from hilbridge.runtime.account.judge import Judge
 from hilbridge.runtime.account.losses import Losses
 from hilbridge.runtime.account.notices import DEAF_NS, Facts, Notices
+from hilbridge.runtime.account.stages import Stages
 from hilbridge.runtime.body import Kind
 from hilbridge.runtime.node import BridgeNode
 from hilbridge.runtime.phase import locks_to, next_tick
@@ -73,6 +74,7 @@ class LiveBridge:
         self._clearing: bool | None = None  # whether a challenge to clear has been answered
         self._stopping = asyncio.Event()
         self._new_features = asyncio.Event()
+        self.stages: Stages | None = None
         self._device = DeviceView()
         self._clock_known = False
         self._port_drops = 0
@@ -99,6 +101,11 @@ class LiveBridge:
 
     def _repeat_stop(self) -> None:
         self._send_all(self.node.bridge.poll(self._clock_ns()))
+
+    def profile(self) -> Stages:
+        """Tell from now on how long each stage takes."""
+        self.stages = self.senses.vision.stages = Stages()
+        return self.stages
 
     async def run(self, seconds: float | None = None) -> None:
         """Start the senses, tick at 25 Hz, stop everything again, whatever happens."""
@@ -142,6 +149,8 @@ class LiveBridge:
             if self.senses.ended or (end_ns is not None and now_ns >= end_ns):
                 return
             self.tick_late_max_ms = max(self.tick_late_max_ms, (now_ns - due_ns) / 1e6)
+            if self.stages is not None:
+                self.stages.add("tick late", max(0, now_ns - due_ns))
             self._tick(vector, now_ns)
             ready_ns = self.senses.vision.last_ready_ns
             known = lock and ready_ns is not None and ready_ns <= now_ns
@@ -181,6 +190,11 @@ class LiveBridge:
             self._record(belief_row(tick.belief, now_ns))
         self._record(row)
         self._on_tick(row)
+        if self.stages is not None:
+            self.stages.add("tick", sent_ns - now_ns)
+            if vector is not None:
+                self.stages.add("features -> ACT_CMD", sent_ns - (self.senses.vision.last_ready_ns or sent_ns))
+                self.stages.add("capture -> ACT_CMD", sent_ns - vector.captured_ns)
 
     def _note_look(self, frame: CameraFrame, look: Look) -> None:
         # All of one look have the time at which it was ready: a tick may have taken it meanwhile.

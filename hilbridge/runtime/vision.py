@@ -14,6 +14,7 @@ from hilbridge.features.wrists import WristHands, stood_in
 from hilbridge.priority import Level, take_level
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample, HandTracks
 from hilbridge.rows import Look
+from hilbridge.runtime.account.stages import Stages
 from hilbridge.runtime.health import FreezeProbe
 from hilbridge.sensors.cell import LatestCell
 
@@ -48,6 +49,7 @@ class VisionWorker:
         self.last_ready_ns: int | None = None
         self.hands_alive: bool | None = None  # None: nothing that can die finds them
         self.hands_ns: int | None = None
+        self.stages: Stages | None = None  # where times are told, if anybody wants them
         self.wrists: WristHands | None = None
         self.on_event: Callable[[str], None] = lambda text: None
         self.on_vector: Callable[[], None] = lambda: None
@@ -91,8 +93,10 @@ class VisionWorker:
                 close()
 
     def _step(self, frame: CameraFrame, detector: FindsHands | None, assembler: FeatureAssembler) -> None:
+        begin_ns = self._clock_ns()
         self.freeze.look(frame)
         hands = detector.detect(frame) if detector is not None else None
+        looked_ns = self._clock_ns()
         self.hands_alive = getattr(detector, "alive", None)
         self.hands_ns = self.hands_ns if hands is None else frame.captured_ns
         self.frames_with_hands += bool(hands and hands.hands)
@@ -100,6 +104,12 @@ class VisionWorker:
         gaze = self._gaze.take() if self._gaze is not None else None
         vector = assembler.update(frame, gaze, hands, frame.captured_ns)
         ready_ns = self.last_ready_ns = self._clock_ns()
+        if self.stages is not None:
+            self.stages.add("capture -> vision", begin_ns - frame.captured_ns)
+            if detector is not None:
+                self.stages.add("hands", looked_ns - begin_ns)
+            self.stages.add("features", ready_ns - looked_ns)
+            self.stages.add("capture -> features", ready_ns - frame.captured_ns)
         self.vectors.put(vector)
         self.on_vector()
         self.on_look(frame, Look(ready_ns, vector, frame.sequence, gaze, hands))

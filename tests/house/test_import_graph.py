@@ -39,7 +39,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "align": {"config", "observe"},
     "cli_record": {"align", "labels", "observe", "replay", "terminal"},
     "demo": {"bus", "config", "core", "observe", "run", "runtime", "wearer"},
-    "terminal": {"core", "doctor", "observe", "run"},
+    "terminal": {"core", "doctor", "observe", "run", "runtime"},
     "cli_bus": {"bus", "config", "wire"},
     "cli_exchange": {"exchange", "terminal"},
     "cli_learning": {"intent", "learning", "terminal"},
