@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Finding", "Verdict", "examine", "worst"]
 
-_RUN_PACKAGES = ("python-can", "cantools", "numpy", "opencv-python-headless", "filterpy", "cryptography", "mcap")
+_RUN_PACKAGES = ("python-can", "cantools", "numpy", "opencv-python-headless", "cryptography", "mcap")
 _EXTRAS = {"hands": "mediapipe", "train": "torch"}
 
 
