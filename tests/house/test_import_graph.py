@@ -48,14 +48,15 @@ MAY_IMPORT: dict[str, set[str]] = {
 SUBROOMS: dict[str, dict[str, set[str]]] = {
     "hilbridge.bus": {
         "model": set(),
-        "simulated": {"model"},
-        "port": {"model", "simulated"},
+        "quick_can": set(),
+        "simulated": {"model", "quick_can"},
+        "port": {"model", "quick_can", "simulated"},
         "analysis": {"model", "message_set"},
         "message_set": {"model"},
-        "candump_text": set(),
-        "trc_text": set(),
-        "mf4_batches": set(),
-        "logs": {"candump_text", "mf4_batches", "trc_text"},
+        "candump_text": {"quick_can"},
+        "trc_text": {"quick_can"},
+        "mf4_batches": {"quick_can"},
+        "logs": {"candump_text", "mf4_batches", "quick_can", "trc_text"},
         "diagnosis": {"model", "port", "logs"},
     },
     "hilbridge.learning": {

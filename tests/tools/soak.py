@@ -75,7 +75,8 @@ class Soaked:
         if self.growth_mb > GROWTH_MB:
             found.append(f"memory grew by {self.growth_mb:.1f} MB")
         if self.trips:
-            found.append(f"{self.trips} trips of the device, none was due")
+            late = max((one.max_ms for one in self.stages if one.name == "tick late"), default=0.0)
+            found.append(f"{self.trips} trips of the device while ticks came up to {late:.0f} ms late")
         if not self.acts:
             found.append("it never assisted")
         if not self.balanced:
