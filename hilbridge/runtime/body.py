@@ -50,7 +50,8 @@ class BodySenses:
         """What they last said. A silent skeleton is hands that nobody sees, and no reason to hold."""
         if self.inertial is None or self.felt is None:
             return ()
-        return (inertial_seen(config, self.inertial.state is SourceState.RUNNING, self.felt.heard_ns),)
+        running = self.inertial.state is SourceState.RUNNING
+        return (inertial_seen(config, running, self.felt.heard_ns, live=self.inertial.live),)
 
     def _feel(self, sample: BodySample) -> None:
         assert self.felt is not None

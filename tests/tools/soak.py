@@ -1,7 +1,7 @@
 """The bridge for a long time against a device: `make soak MINUTES=30`, or `python -m tests.tools.soak --minutes 30 [--hands]`.
 
-Made pictures at 720p30 and gaze at 200 Hz go the whole way; a scripted belief makes it assist two seconds of every four, so
-that a late command would trip the device. Exit code 1 where memory grew by more than 5 MB after the first minute (or the
+Made pictures at 720p30 (`--fps`) and gaze at 200 Hz go the whole way; a scripted belief makes it assist two seconds of every
+four, so that a late command would trip the device. Exit code 1 where memory grew by more than 5 MB after the first minute (or the
 first third of a shorter run), the device tripped, or the bridge's books do not balance.
 """
 
@@ -89,11 +89,11 @@ def resident_mb() -> float:
     return int(Path("/proc/self/statm").read_text(encoding="ascii").split()[1]) * os.sysconf("SC_PAGESIZE") / 1e6
 
 
-async def soak(folder: Path, seconds: float, *, hands: bool, every_s: float = 1.0) -> Soaked:
+async def soak(folder: Path, seconds: float, *, hands: bool, fps: float = FPS, every_s: float = 1.0) -> Soaked:
     """One run."""
     bus = f"hilsim:soak-{os.getpid()}"
     film = make_inputs(folder)
-    sensors = SensorsConfig(camera=str(film), camera_fps=FPS, gaze=str(folder / "gaze.csv"), hands=hands, loop=True)
+    sensors = SensorsConfig(camera=str(film), camera_fps=fps, gaze=str(folder / "gaze.csv"), hands=hands, loop=True)
     config = Config(sensors=sensors, bus=BusConfig(spec=bus), gate=GateSection(tau_on=0.8, tau_off=0.6, alpha=0.6))
     parts, senses = read_parts(config), open_senses(sensors)
     memory: list[float] = []
@@ -141,10 +141,11 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.tools.soak", description=__doc__)
     parser.add_argument("--minutes", type=float, default=30.0)
     parser.add_argument("--hands", action="store_true", help="find hands as well (extra `hands`)")
+    parser.add_argument("--fps", type=float, default=FPS, help="of the pictures; at 25 ticks lock to them")
     parser.add_argument("--json", action="store_true")
     options = parser.parse_args()
     with tempfile.TemporaryDirectory() as name:
-        found = asyncio.run(soak(Path(name), 60.0 * options.minutes, hands=options.hands))
+        found = asyncio.run(soak(Path(name), 60.0 * options.minutes, hands=options.hands, fps=options.fps))
     problems = found.problems()
     if options.json:
         print(json.dumps({"growth_mb": found.growth_mb, "trips": found.trips, "problems": problems}))
