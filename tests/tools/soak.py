@@ -1,8 +1,8 @@
 """The bridge for a long time against a device: `make soak MINUTES=30`, or `python -m tests.tools.soak --minutes 30 [--hands]`.
 
 Made pictures at 720p30 (`--fps`) and gaze at 200 Hz go the whole way; a scripted belief makes it assist two seconds of every
-four, so that a late command would trip the device. Exit code 1 where memory grew by more than 5 MB after the first minute (or the
-first third of a shorter run), the device tripped, or the bridge's books do not balance.
+four, so that a late command would trip the device. Exit code 1 where memory grew by more than 5 MB after the first minute
+(or the first third of a shorter run), the device tripped, or the bridge's books do not balance.
 """
 
 from __future__ import annotations
