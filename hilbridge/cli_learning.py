@@ -23,8 +23,10 @@ BundleFile = Annotated[Path | None, typer.Option("--bundle", help="model bundle;
 
 def register(app: typer.Typer) -> None:
     """Add them to the command line."""
-    for command in (train, evaluate, certify, adapt):
-        app.command()(command)
+    app.command()(train)
+    app.command()(evaluate)
+    app.command()(certify)
+    app.command()(adapt)
     data = typer.Typer(help="Look at data sets.", no_args_is_help=True)
     data.command("describe")(data_describe)
     data.command("pack")(data_pack)

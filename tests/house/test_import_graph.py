@@ -31,7 +31,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "labels": {"observe"},
     "run": {"config", "labels", "observe", "runtime"},
     "exchange": {"bus", "observe", "wire"},
-    "people": {"core", "features", "intent", "labels", "learning", "observe", "sensors"},
+    "people": {"wearer", "core", "features", "intent", "labels", "learning", "observe", "sensors"},
     "check": {"doctor_sensors", "runtime"},
     "doctor": {"bus", "config", "core", "doctor_sensors", "intent", "observe", "sensors", "wire"},
     "doctor_sensors": {"sensors"},
@@ -41,10 +41,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "cli_record": {"align", "labels", "observe", "replay", "terminal"},
     "demo": {"bus", "config", "core", "observe", "run", "runtime", "wearer"},
     "terminal": {"core", "doctor", "observe", "run", "runtime"},
-    "conformance": {"bus", "config", "core", "runtime", "wire"},
+    "conformance": {"intent", "bus", "config", "core", "runtime", "wire"},
     "cli_bus": {"bus", "config", "conformance", "runtime", "wire"},
     "cli_exchange": {"exchange", "terminal"},
-    "cli_learning": {"intent", "learning", "people", "terminal"},
+    "cli_learning": {"wearer", "intent", "learning", "people", "terminal"},
     "bench": {"bus", "core", "features", "intent", "learning", "observe", "runtime", "wire"},
 }
 SUBROOMS: dict[str, dict[str, set[str]]] = {
