@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 OUT ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check safety firmware bench clean
+.PHONY: help demo test check safety firmware bench soak clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 12
@@ -57,6 +57,10 @@ bench: $(VENV)/.all  ## what prediction, tick, codec and bus cost on this machin
 	$(BIN)/hilbridge train --data out/people/train --out out/people/b.safetensors --work out/people/work --jobs 2
 	$(BIN)/hilbridge certify --data out/people/others --bundle out/people/b.safetensors --precision 0.7 --delta 0.1 --write out/people/c.safetensors
 	$(BIN)/hilbridge adapt --data out/people/one --bundle out/people/c.safetensors --out out/people/d.safetensors
+
+MINUTES ?= 30
+soak: $(VENV)/.all  ## the bridge for MINUTES=30 against a device: memory flat, no false trips, jitter (needs an otherwise quiet machine)
+	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.tools.soak --minutes $(MINUTES)
 
 clean:  ## remove the environment and what runs have written
 	rm -rf $(VENV) out build *.egg-info

@@ -12,8 +12,10 @@ if TYPE_CHECKING:
     from hilbridge.run import Outcome, RunOptions
 
 Flag = bool | None  # None leaves it to the configuration
-Camera = Annotated[str | None, typer.Option(help="device index, video file, or rtsp:// URL")]
+Camera = Annotated[str | None, typer.Option(help="device index, video file, rtsp:// URL, or neon:")]
 Gaze = Annotated[str | None, typer.Option(help="neon:[HOST], lsl:STREAM, udp:PORT; or Neon folder, BeGaze .txt, .csv")]
+Inertial = Annotated[str | None, typer.Option(help="hand acceleration: lsl:STREAM, udp:PORT, or iAssistADL folder")]
+Skeleton = Annotated[str | None, typer.Option(help="wrists: lsl:STREAM, udp:PORT, or iAssistADL folder")]
 CameraFps = Annotated[
     float | None, typer.Option(help="ask the camera for this rate, or play a file at it; ticks lock to 25")
 ]
@@ -49,6 +51,7 @@ MarkLsl = Annotated[str | None, typer.Option(metavar="NAME", help="label by an L
 ClearLatch = Annotated[
     bool, typer.Option("--clear-latch", help="authenticate clearing a latch or STOP; confirm it at the device")
 ]
+Profile = Annotated[bool, typer.Option("--profile", help="say how long each stage took: p50, p99, max")]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text")]
 
 
@@ -61,6 +64,8 @@ def register(app: typer.Typer) -> None:
 def run(
     camera: Camera = None,
     gaze: Gaze = None,
+    inertial: Inertial = None,
+    skeleton: Skeleton = None,
     camera_fps: CameraFps = None,
     bus: Bus = None,
     bus_option: BusOption = None,
@@ -84,6 +89,7 @@ def run(
     mark: Mark = None,
     mark_lsl: MarkLsl = None,
     clear_latch: ClearLatch = False,
+    profile: Profile = False,
     as_json: Json = False,
 ) -> None:
     """Run the bridge on a camera and an eye tracker (live or recorded) until they end or Ctrl-C."""
@@ -93,7 +99,8 @@ def run(
     from hilbridge.run import RunOptions
 
     given: dict[str, dict[str, object]] = {
-        "sensors": {"camera": camera, "camera_fps": camera_fps, "gaze": gaze, "hands": hands, "loop": loop},
+        "sensors": {"camera": camera, "gaze": gaze, "inertial": inertial, "skeleton": skeleton}
+        | {"camera_fps": camera_fps, "hands": hands, "loop": loop},
         "bus": {"spec": bus, "key_file": _text(key_file), "listen_only": listen_only, "arm": arm}
         | {"uncertified": uncertified}
         | {"options": parse_options(bus_option) if bus_option else None},
@@ -101,13 +108,16 @@ def run(
         "recording": {"video": video, "rotate_mb": rotate_mb, "rotate_minutes": rotate_minutes, "retain_days": retain}
         | {"participant": participant, "blur_faces": blur_faces},
     }
-    asked = RunOptions("", seconds, clear_latch=clear_latch, marks=MarkOptions(keys_of(mark or []), mark_lsl))
+    marks = MarkOptions(keys_of(mark or []), mark_lsl)
+    asked = RunOptions("", seconds, clear_latch=clear_latch, profile=profile, marks=marks)
     print_or_json(_run(config, given, asked, out, force=force, quiet=as_json), as_json)
 
 
 def check(
     camera: Camera = None,
     gaze: Gaze = None,
+    inertial: Inertial = None,
+    skeleton: Skeleton = None,
     camera_fps: CameraFps = None,
     config: ConfigFile = None,
     seconds: Annotated[float, typer.Option(min=1.0, help="how long to look")] = 10.0,
@@ -125,7 +135,8 @@ def check(
     from hilbridge.terminal import print_findings
 
     given: dict[str, dict[str, object]] = {
-        "sensors": {"camera": camera, "camera_fps": camera_fps, "gaze": gaze, "hands": hands}
+        "sensors": {"camera": camera, "gaze": gaze, "inertial": inertial, "skeleton": skeleton}
+        | {"camera_fps": camera_fps, "hands": hands}
     }
     sensors = load_config(config, given).sensors
     seen = look(open_senses(sensors), seconds, lambda line: None if as_json else typer.echo(line))

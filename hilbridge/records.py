@@ -81,6 +81,19 @@ class HandTracks:
 
 
 @dataclass(frozen=True, slots=True)
+class BodySample:
+    """Three numbers of one sensor on the body: its acceleration in m/s^2, gravity included, or a joint's place in metres."""
+
+    captured_ns: int
+    sensor: str
+    x: float
+    y: float
+    z: float
+    valid: bool = True
+    stamp: StampSource = StampSource.ARRIVAL
+
+
+@dataclass(frozen=True, slots=True)
 class FeatureVector:
     """The input x_t of the network at one 25 Hz step, before z-scoring (features/layout.py names each entry).
 

@@ -53,7 +53,13 @@ class TickRow:
     overrun: bool = False
     """Whether the last tick was so long ago that this one decides for another moment."""
     tremor: bool = False
-    """Whether the tremor guard holds."""
+    """Whether the tremor guard holds by what it sees of the hands."""
+    felt_tremor: bool | None = None
+    """Whether it holds by what inertial sensors feel; absent where there are none."""
+    felt_hz: float | None = None
+    """The strongest line in the acceleration of the hands, whether it is a tremor or not."""
+    felt_rms: float | None = None
+    """Its root mean square, in m/s^2."""
     device_state: str | None = None
     """The device's state as last heard, in the DBC's words."""
     armed: bool = False

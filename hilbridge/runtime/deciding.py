@@ -37,13 +37,17 @@ class GuardsAgainstTremor(Protocol):
 
 
 class Told(NamedTuple):
-    """What one tick is told. `vector`: the newest features not yet seen, or None. `problem`: of a sensor, in words."""
+    """What one tick is told. `vector`: the newest features not yet seen, or None. `problem`: of a sensor, in words.
+
+    `shaking`: whether inertial sensors feel a tremor; None where there are none.
+    """
 
     vector: FeatureVector | None
     problem: str | None
     outside: HoldReason
     overrun: bool
     now_ns: int
+    shaking: bool | None = None
 
 
 class Decider:
@@ -130,7 +134,7 @@ class Decider:
             return unearned
         if told.outside is not HoldReason.NONE:
             return told.outside
-        return HoldReason.TREMOR if self.tremor else None
+        return HoldReason.TREMOR if self.tremor or told.shaking else None
 
 
 def decided(decider: Decider, told: Told, before: Command) -> tuple[GateDecision, Command]:

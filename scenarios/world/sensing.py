@@ -53,7 +53,10 @@ class Body:
         self._shaking: dict[Active, Person] = {}
         # A recorded camera has no hands where none are looked for.
         self.has_hands = (
-            not isinstance(scenario.intent, Session) or scenario.intent.video is None or scenario.intent.hands
+            not isinstance(scenario.intent, Session)
+            or scenario.intent.hands
+            or (scenario.intent.video is None and scenario.intent.folder is None)
+            or scenario.intent.projection is not None
         )
         self._flicker = np.random.default_rng(scenario.seed).integers(0, 8, WIDTH_PX * HEIGHT_PX + 251, np.uint8)
 

@@ -37,25 +37,28 @@ MAY_IMPORT: dict[str, set[str]] = {
     "doctor_sensors": {"sensors"},
     "replay": {"config", "core", "features", "intent", "observe", "runtime", "sensors"},
     "cli_run": {"check", "config", "doctor", "labels", "run", "runtime", "terminal"},
-    "cli_record": {"labels", "observe", "replay", "terminal"},
+    "align": {"config", "observe"},
+    "cli_record": {"align", "labels", "observe", "replay", "terminal"},
     "demo": {"bus", "config", "core", "observe", "run", "runtime", "wearer"},
-    "terminal": {"core", "doctor", "observe", "run"},
-    "cli_bus": {"bus", "config", "wire"},
+    "terminal": {"core", "doctor", "observe", "run", "runtime"},
+    "conformance": {"intent", "bus", "config", "core", "runtime", "wire"},
+    "cli_bus": {"bus", "config", "conformance", "runtime", "wire"},
     "cli_exchange": {"exchange", "terminal"},
-    "cli_learning": {"intent", "learning", "people", "terminal"},
+    "cli_learning": {"wearer", "intent", "learning", "people", "terminal"},
     "bench": {"bus", "core", "features", "intent", "learning", "observe", "runtime", "wire"},
 }
 SUBROOMS: dict[str, dict[str, set[str]]] = {
     "hilbridge.bus": {
         "model": set(),
-        "simulated": {"model"},
-        "port": {"model", "simulated"},
+        "quick_can": set(),
+        "simulated": {"model", "quick_can"},
+        "port": {"model", "quick_can", "simulated"},
         "analysis": {"model", "message_set"},
         "message_set": {"model"},
-        "candump_text": set(),
-        "trc_text": set(),
-        "mf4_batches": set(),
-        "logs": {"candump_text", "mf4_batches", "trc_text"},
+        "candump_text": {"quick_can"},
+        "trc_text": {"quick_can"},
+        "mf4_batches": {"quick_can"},
+        "logs": {"candump_text", "mf4_batches", "quick_can", "trc_text"},
         "diagnosis": {"model", "port", "logs"},
     },
     "hilbridge.learning": {
@@ -112,7 +115,7 @@ def test_rooms_within_a_room_import_only_what_they_may(package: str) -> None:
 
 
 # Packages that a command may load for its work; the last is what a person waits for.
-LIGHT = {"numpy", "can", "cantools", "cv2", "scipy", "matplotlib", "mcap", "filterpy"}
+LIGHT = {"numpy", "can", "cantools", "cv2", "mcap"}
 HEAVY = {
     "torch",
     "sklearn",

@@ -20,6 +20,7 @@ from hilbridge.features.layout import RATE_HZ, STEP_NS, D
 from hilbridge.features.packs import file_hash, pack_made_from, read_pack
 from hilbridge.intent.predictor import MIN_USABLE_SHARE
 from hilbridge.learning.data.egtea import GAZE, Action, DatasetError
+from hilbridge.learning.data.iassistadl import recording_features, recording_folders
 from hilbridge.learning.data.labelled import Spanned, labelled_stream
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.windows import STEPS
@@ -66,8 +67,9 @@ def video_path(root: Path, session: str) -> Path | None:
 
 
 def recorded_sessions(root: Path) -> list[str]:
-    """Names of all sessions of which anything but annotations is there: a pack, gaze or a video."""
+    """Names of all sessions of which anything but annotations is there: a pack, gaze, a video, or an iAssistADL folder."""
     names = {path.stem for path in (root / GAZE).glob("*.txt")} | {path.stem for path in (root / PACKS).glob("*.npz")}
+    names |= set(recording_folders(root))
     for folder in VIDEO_FOLDERS:
         names |= {path.stem for path in (root / folder).glob("*") if path.suffix in VIDEO_SUFFIXES}
     return sorted(names)
@@ -91,6 +93,8 @@ def load_features(
                 f"{pack}: made from another {gaze.name} than is there now; delete it and run `data pack`"
             )
         return values, valid
+    if (folder := recording_folders(root).get(session)) is not None:
+        return recording_features(folder)
     recording = read_begaze(gaze) if gaze.is_file() else None
     if recording is None and video is None:
         raise DatasetError(f"{session}: no pack, gaze or video under {root}; give the session's files or leave it out")
