@@ -32,7 +32,7 @@ def train(
     people: Annotated[int, typer.Option(min=8, help="how many simulated people")] = 480,
     seconds: Annotated[float, typer.Option(min=10.0, help="of each")] = 60.0,
     precision: Annotated[float, typer.Option(min=0.0, max=1.0, help="act-only precision tau_on must replay to")] = 0.9,
-    seed: Annotated[int, typer.Option(min=0)] = 0,
+    seed: Annotated[int, typer.Option(min=0, help="of everything that is random")] = 0,
 ) -> None:
     """Train, calibrate and choose thresholds; write one bundle. An interrupted run goes on where it was."""
     with needs_extra("train"):

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from hilbridge.cli_shared import Version, show_examples
 from hilbridge.errors import InputError
 from hilbridge.files import write_whole
 from hilbridge.guard import run_guarded
@@ -21,13 +22,26 @@ app = typer.Typer(
     name="hilscenario",
     help="Script a wearer and faults, run the whole system in virtual time or live, judge what happened.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 
+EXAMPLES = {
+    "campaign": "hilscenario campaign catalog/an-ordinary-minute.yaml --samples 20 --out out/campaign",
+    "faults": "hilscenario faults",
+    "figures": "hilscenario figures",
+    "list": "hilscenario list catalog",
+    "minimise": "hilscenario minimise failing.yaml --out smaller.yaml",
+    "run": "hilscenario run catalog --out out/catalog --jobs 2",
+    "schema": "hilscenario schema",
+}
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text")]
 Paths = Annotated[list[Path], typer.Argument(help="scenario files, folders of them, or `catalog`, which ships")]
 Seed = Annotated[int | None, typer.Option(min=0, help="in place of the scenario's own seed")]
+
+
+@app.callback()
+def _every_command(version: Version = False) -> None:
+    """What stands before the command's name."""
 
 
 @app.command("list")
@@ -166,6 +180,9 @@ def minimise(
     target = out or path.with_suffix(".min.yaml")
     write_whole(target, dump_scenario(smaller))
     typer.echo(f"{target}: {len(smaller.steps)} of {len(scenario.steps)} faults, {smaller.duration / 1e9:g} s")
+
+
+show_examples(app, EXAMPLES)
 
 
 def main() -> None:

@@ -1,0 +1,28 @@
+"""One example of each command, shown under its help. A test holds that each parses, and that none is missing."""
+
+EXAMPLES = {
+    "bench": "hilbridge bench --json",
+    "bus-analysis": "hilbridge bus-analysis dbc/iassistadl.dbc --bitrate 500000",
+    "candump": "hilbridge candump --bus vcan0",
+    "certify": "hilbridge certify --bundle mine.safetensors --precision 0.8 --delta 0.05",
+    "check": "hilbridge check --camera 0 --gaze neon: --seconds 10",
+    "data describe": "hilbridge data describe recordings/",
+    "data pack": "hilbridge data pack recordings/ --no-hands",
+    "dbc": "hilbridge dbc --out iassistadl.dbc",
+    "demo": "hilbridge demo --seconds 30 --tremor-hz 6 --out out/demo",
+    "docs": "hilbridge docs safety",
+    "doctor": "hilbridge doctor --bus can0 --camera 0",
+    "evaluate": "hilbridge evaluate --data synthetic --workers 2",
+    "export": "hilbridge export out/demo/recording.mcap --to blf",
+    "fetch-models": "hilbridge fetch-models",
+    "forget": "hilbridge forget P-07 recordings/ --yes",
+    "import": "hilbridge import drive.blf drive.mcap",
+    "label": "hilbridge label out/demo/recording.mcap --open",
+    "play": "hilbridge play out/demo/recording.mcap --bus vcan0 --speed 0.5",
+    "recover": "hilbridge recover out/demo/recording.mcap",
+    "replay": "hilbridge replay out/demo/recording.mcap --what-if gate.tau_on=0.7 --out diff.html",
+    "report": "hilbridge report out/demo/recording.mcap",
+    "run": "hilbridge run --camera 0 --gaze neon: --bus vcan0 --seconds 60",
+    "train": "hilbridge train --out mine.safetensors --precision 0.9",
+    "view": "hilbridge view out/demo/recording.mcap",
+}
