@@ -10,7 +10,7 @@ import typer
 from hilbridge import __version__, cli
 from hilbridge.cli_examples import EXAMPLES
 from hilbridge.cli_shared import commands
-from scenarios import cli as scenario_cli
+from hilscenario import cli as scenario_cli
 
 PROGRAMS = {"hilbridge": (cli.app, EXAMPLES), "hilscenario": (scenario_cli.app, scenario_cli.EXAMPLES)}
 CASES = [(program, name) for program, (app, _) in PROGRAMS.items() for name, _ in commands(app)]

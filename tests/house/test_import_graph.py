@@ -64,7 +64,7 @@ SUBROOMS: dict[str, dict[str, set[str]]] = {
         "certificate": {"data", "metrics", "training"},
         "experiments": {"certificate", "data", "metrics", "training"},
     },
-    "scenarios": {
+    "hilscenario": {
         "signals": set(),
         "format": {"signals"},
         "world": {"format", "signals"},
@@ -118,7 +118,7 @@ HEAVY = {
     "ray",
     "distributed",
     "hilbridge.learning",
-    "scenarios",
+    "hilscenario",
     "firmware_sim",
 }
 
@@ -172,11 +172,12 @@ def test_commands_load_what_they_need_and_nothing_for_training(
 
 def test_the_device_loads_nothing_of_the_bridge_but_its_bus(tmp_path: Path) -> None:
     loaded = _loaded("firmware_sim.node", "--help", tmp_path=tmp_path)
-    assert {name for name in loaded if name.split(".")[0] in ("hilbridge", "scenarios", "torch", "cv2")} == set()
+    assert {name for name in loaded if name.split(".")[0] in ("hilbridge", "hilscenario", "torch", "cv2")} == set()
 
 
 def test_scenarios_load_nothing_for_training(tmp_path: Path) -> None:
     assert (
-        _loaded("scenarios.cli", "--help", tmp_path=tmp_path) & {"torch", "sklearn", "mediapipe", "hilbridge.learning"}
+        _loaded("hilscenario.cli", "--help", tmp_path=tmp_path)
+        & {"torch", "sklearn", "mediapipe", "hilbridge.learning"}
         == set()
     )
