@@ -39,6 +39,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "cli_record": {"cli_shared", "labels", "observe", "replay", "terminal"},
     "demo": {"bus", "config", "core", "observe", "run", "runtime", "wearer"},
     "terminal": {"core", "doctor", "observe", "run"},
+    "api": {"bus", "config", "features", "intent", "observe", "runtime", "sensors", "wire"},
     "cli_examples": set(),
     "cli_shared": set(),
     "cli_bus": {"bus", "config", "wire"},
