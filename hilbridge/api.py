@@ -32,6 +32,7 @@ from hilbridge.records import (
 )
 from hilbridge.runtime.assemble import read_parts
 from hilbridge.runtime.deciding import Decider, Told
+from hilbridge.sensors.live.base import LiveGaze, RawGaze
 from hilbridge.sensors.source import Source
 from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Codec
@@ -55,7 +56,9 @@ __all__ = [
     "HoldReason",
     "InputError",
     "IntentEstimate",
+    "LiveGaze",
     "Modality",
+    "RawGaze",
     "RecordingReader",
     "Source",
     "Step",

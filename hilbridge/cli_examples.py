@@ -1,13 +1,17 @@
 """One example of each command, shown under its help. A test holds that each parses, and that none is missing."""
 
 EXAMPLES = {
+    "adapt": "hilbridge adapt --data sessions/P-07 --bundle mine.safetensors --out P-07.safetensors",
+    "align": "hilbridge align out/flashes/recording.mcap --by flash --write bridge.toml",
     "bench": "hilbridge bench --json",
     "bus-analysis": "hilbridge bus-analysis dbc/iassistadl.dbc --bitrate 500000",
     "candump": "hilbridge candump --bus vcan0",
-    "certify": "hilbridge certify --bundle mine.safetensors --precision 0.8 --delta 0.05",
+    "certify": "hilbridge certify --bundle mine.safetensors --data others/ --precision 0.8",
     "check": "hilbridge check --camera 0 --gaze neon: --seconds 10",
+    "conformance": "hilbridge conformance --bus can0 --i-am-on-a-bench --junit conformance.xml",
     "data describe": "hilbridge data describe recordings/",
     "data pack": "hilbridge data pack recordings/ --no-hands",
+    "data simulate": "hilbridge data simulate people/ --people 12 --seconds 60",
     "dbc": "hilbridge dbc --out iassistadl.dbc",
     "demo": "hilbridge demo --seconds 30 --tremor-hz 6 --out out/demo",
     "docs": "hilbridge docs safety",
@@ -18,11 +22,12 @@ EXAMPLES = {
     "forget": "hilbridge forget P-07 recordings/ --yes",
     "import": "hilbridge import drive.blf drive.mcap",
     "label": "hilbridge label out/demo/recording.mcap --open",
+    "plant": "hilbridge plant --bus can1 --wearer-torque reach --seconds 60 --i-am-on-a-bench",
     "play": "hilbridge play out/demo/recording.mcap --bus vcan0 --speed 0.5",
     "recover": "hilbridge recover out/demo/recording.mcap",
     "replay": "hilbridge replay out/demo/recording.mcap --what-if gate.tau_on=0.7 --out diff.html",
     "report": "hilbridge report out/demo/recording.mcap",
     "run": "hilbridge run --camera 0 --gaze neon: --bus vcan0 --seconds 60",
-    "train": "hilbridge train --out mine.safetensors --precision 0.9",
+    "train": "hilbridge train --data people/ --out mine.safetensors",
     "view": "hilbridge view out/demo/recording.mcap",
 }

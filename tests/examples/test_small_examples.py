@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import subprocess
 import sys
 import threading
@@ -11,9 +12,12 @@ from pathlib import Path
 import can
 import pytest
 
+from hilbridge.observe.reading import read_recording
+from hilbridge.rows import GazeRow, HandsRow
 from hilscenario.format.files import load_scenario
 from hilscenario.lockstep.run import run_scenario
 from tests.scenarios.made import CATALOG
+from tests.scenarios.sessions import film
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 LONGEST = 40
@@ -79,3 +83,18 @@ def test_a_bus_is_watched(tmp_path: Path) -> None:
         finally:
             end.set()
             speaker.join()
+
+
+def test_sensors_of_ones_own_are_read(tmp_path: Path) -> None:
+    film(tmp_path)
+    (tmp_path / "own.toml").write_text('[sensors]\nhand_detector = "own_sensors:Detector"\n')
+    words = ["--camera", str(tmp_path / "session.avi"), "--gaze", "own_sensors:Tracker:0.3"]
+    words += ["--config", str(tmp_path / "own.toml"), "--bus", "hilsim:own", "--seconds", "3", "--out", str(tmp_path)]
+    command = [sys.executable, "-m", "hilbridge", "run", *words, "--json"]
+    done = subprocess.run(command, cwd=EXAMPLES, capture_output=True, text=True, timeout=300, check=False)
+    assert done.returncode == 0, done.stderr
+    rows = list(read_recording(tmp_path / "recording.mcap"))
+    looks = [row for row in rows if isinstance(row, GazeRow)]
+    assert looks
+    assert all(abs(math.hypot(row.x - 0.5, row.y - 0.5) - 0.3) < 1e-6 for row in looks if row.x and row.y)
+    assert {row.count for row in rows if isinstance(row, HandsRow)} == {1}
