@@ -138,7 +138,7 @@ def open_detector(model: Path, sha256: str | None) -> HandDetector:
 
 def open_own_detector(spec: str) -> Any:
     """A detector of one's own (`package.module:Name`), as another process makes it. Raises InputError."""
-    from hilbridge.sensors.plugins import called
+    from hilbridge.sensors.live.plugins import called
 
     made = called("hand_detector", spec)
     if not callable(getattr(made, "detect", None)):

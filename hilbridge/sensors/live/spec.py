@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from hilbridge.errors import InputError
-from hilbridge.sensors import plugins
+from hilbridge.sensors.live import plugins
 from hilbridge.sensors.live.base import LiveBody, LiveDevice, LiveGaze
 from hilbridge.sensors.live.lsl import LslBody, LslChannels, LslGaze
 from hilbridge.sensors.live.neon import NeonGaze

@@ -1,4 +1,4 @@
-"""hilbridge.sensors.plugins: code of others is found by name, and what is wrong with it is one line."""
+"""hilbridge.sensors.live.plugins: code of others is found by name, and what is wrong with it is one line."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from hilbridge.errors import InputError
 from hilbridge.sensors.hands import open_own_detector
 from hilbridge.sensors.live.base import LiveDevice
 from hilbridge.sensors.live.lsl import LslChannels
+from hilbridge.sensors.live.plugins import called, is_own, offered
 from hilbridge.sensors.live.spec import is_live, open_live_gaze
-from hilbridge.sensors.plugins import called, is_own, offered
 
 TRACKER = """
 from hilbridge.api import LiveGaze

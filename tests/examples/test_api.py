@@ -11,7 +11,7 @@ import pytest
 from hilbridge import api
 from hilbridge.limits import MS
 
-PAGE = Path(__file__).parents[1] / "docs" / "api.md"
+PAGE = Path(__file__).parents[2] / "docs" / "api.md"
 
 
 def vector(at_ms: int) -> api.FeatureVector:
