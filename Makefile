@@ -48,8 +48,15 @@ check: $(VENV)/.all  ## ruff, mypy --strict, import contracts
 firmware:  ## the C controller: warnings, analysis, flash and RAM on a Cortex-M4, image for the emulator
 	$(MAKE) --no-print-directory -C firmware_sim/c
 
-bench: $(VENV)/.all  ## what prediction, tick, codec and bus cost on this machine
+bench: $(VENV)/.all  ## what prediction, tick, codec and bus cost on this machine; the way from recordings to a bundle, whole
 	$(BIN)/hilbridge bench
+	rm -rf out/people
+	$(BIN)/hilbridge data simulate out/people/train --people 12 --seconds 120
+	$(BIN)/hilbridge data simulate out/people/others --people 30 --seconds 120 --seed 31000
+	$(BIN)/hilbridge data simulate out/people/one --people 1 --seconds 120 --seed 32000
+	$(BIN)/hilbridge train --data out/people/train --out out/people/b.safetensors --work out/people/work --jobs 2
+	$(BIN)/hilbridge certify --data out/people/others --bundle out/people/b.safetensors --precision 0.7 --delta 0.1 --write out/people/c.safetensors
+	$(BIN)/hilbridge adapt --data out/people/one --bundle out/people/c.safetensors --out out/people/d.safetensors
 
 MINUTES ?= 30
 soak: $(VENV)/.all  ## the bridge for MINUTES=30 against a device: memory flat, no false trips, jitter (needs an otherwise quiet machine)

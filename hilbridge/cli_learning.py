@@ -161,13 +161,10 @@ def data_simulate(
     seed: Annotated[int, typer.Option(min=0, help="of the first person")] = 30_000,
 ) -> None:
     """Write simulated people as labelled recordings, to try training on people. Their origin says simulated."""
-    from hilbridge.people.simulate import simulate
+    from hilbridge.people.simulate import difficulty_named, simulate
     from hilbridge.terminal import counting
-    from hilbridge.wearer.timeline import BENCHMARK, DEMO
 
-    difficulty = {"demo": DEMO, "benchmark": BENCHMARK}.get(wearer)
-    if difficulty is None:
-        raise InputError(f"--wearer {wearer}: must be demo or benchmark")
+    difficulty = difficulty_named(wearer)
     with counting("simulated people", people) as step:
         made = simulate(out, people, seconds, difficulty, seed, step)
     typer.echo(f"{len(made)} labelled recordings under {out}")

@@ -7,6 +7,7 @@ is no signature: whoever can write a bundle can seal it. It guards against a sli
 from __future__ import annotations
 
 import hashlib
+import json
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from enum import StrEnum
@@ -72,8 +73,9 @@ class Provenance:
             raise ValueError("provenance: recorded people, but no file, or not everybody, is named")
 
     def as_json(self) -> dict[str, Any]:
-        """Plain types."""
-        return asdict(self)
+        """Plain types, as JSON gives them back."""
+        plain: dict[str, Any] = json.loads(json.dumps(asdict(self)))
+        return plain
 
 
 def digest_of(person: str) -> str:

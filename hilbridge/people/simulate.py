@@ -21,10 +21,18 @@ from hilbridge.rows import MetaRow
 from hilbridge.rows.senses import Look, features_row
 from hilbridge.verbs import VERBS
 from hilbridge.wearer.person import Wearer
-from hilbridge.wearer.timeline import Difficulty
+from hilbridge.wearer.timeline import BENCHMARK, DEMO, Difficulty
 
 FIRST_SEED = 30_000  # nobody that any bundle here was trained or certified on
 SOURCE = "simulated"
+
+
+def difficulty_named(name: str) -> Difficulty:
+    """Raises InputError naming those there are."""
+    known = {"demo": DEMO, "benchmark": BENCHMARK}
+    if name not in known:
+        raise InputError(f"--wearer {name}: must be one of {', '.join(known)}")
+    return known[name]
 
 
 def simulate(

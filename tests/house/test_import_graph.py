@@ -31,7 +31,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "labels": {"observe"},
     "run": {"config", "labels", "observe", "runtime"},
     "exchange": {"bus", "observe", "wire"},
-    "people": {"wearer", "core", "features", "intent", "labels", "learning", "observe", "sensors"},
+    "people": {"core", "features", "intent", "labels", "learning", "observe", "sensors", "wearer"},
     "check": {"doctor_sensors", "runtime"},
     "doctor": {"bus", "config", "core", "doctor_sensors", "intent", "observe", "sensors", "wire"},
     "doctor_sensors": {"sensors"},

@@ -20,19 +20,34 @@ from hilbridge.learning.data.sessions import (
     session_stream,
     video_path,
 )
-from hilbridge.sensors.begaze import read_begaze
+from hilbridge.sensors.begaze import BegazeRecording, read_begaze
 from hilbridge.verbs import VERBS
+
+OUTSIDE = 0.25  # a share of valid gaze beyond the picture's border that is worth a warning
+
+
+def outside_share(recording: BegazeRecording) -> float:
+    """Of valid gaze, how much lies outside of the picture."""
+    x, y = recording.x[recording.valid], recording.y[recording.valid]
+    return float(((x < 0.0) | (x > 1.0) | (y < 0.0) | (y > 1.0)).mean()) if len(x) else 0.0
+
+
+def outside_warning(session: str, share: float) -> str:
+    """One line of it."""
+    return f"{session}: {share:.0%} of its valid gaze is outside of the picture; is it calibrated?"
 
 
 @dataclass(frozen=True, slots=True)
 class GazeFile:
-    """One gaze export: samples read, lines that could not be, share of valid samples, its windows."""
+    """One gaze export: samples read, lines that could not be, shares of valid samples and of those outside of the picture,
+    its windows."""
 
     session: str
     version: str
     samples: int
     bad_lines: int
     valid_share: float
+    outside_share: float
     minutes: float
     annotated: bool
     windows: Discards
@@ -79,6 +94,17 @@ class DataSummary:
             )
         for name, windows in self.pack_windows.items():
             made.append(f"    pack {name}: {_windows(windows)}")
+        return [*made, *(f"  warning: {text}" for text in self.warnings())]
+
+    def warnings(self) -> list[str]:
+        """What to know before training on it."""
+        made = [outside_warning(file.session, file.outside_share) for file in self.gaze if file.outside_share > OUTSIDE]
+        made += [
+            f"{file.session}: ends before {file.windows.after_the_recording} of {file.windows.onsets} annotated actions"
+            for file in self.gaze
+            if file.windows.after_the_recording
+        ]
+        made += [f"{file.session}: recorded, but nobody annotated it" for file in self.gaze if not file.annotated]
         return made
 
 
@@ -101,6 +127,7 @@ def describe(path: Path) -> DataSummary:
                 len(recording.x),
                 recording.bad_lines,
                 round(float(recording.valid.mean()), 4),
+                round(outside_share(recording), 4),
                 round(float(recording.video_s()[-1]) / 60.0, 2),
                 file.stem in sessions,
                 counts,

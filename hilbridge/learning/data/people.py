@@ -11,6 +11,7 @@ import numpy as np
 from hilbridge.features.layout import RATE_HZ, D
 from hilbridge.features.packs import file_hash, read_pack
 from hilbridge.intent.provenance import Origin
+from hilbridge.learning.data.describe import OUTSIDE, outside_share, outside_warning
 from hilbridge.learning.data.egtea import ANNOTATIONS, GAZE, DatasetError, by_session, load_actions
 from hilbridge.learning.data.labelled import Spanned, labelled_stream
 from hilbridge.learning.data.sessions import (
@@ -27,7 +28,6 @@ from hilbridge.sensors.begaze import read_begaze
 from hilbridge.verbs import OTHER, VERBS
 
 LEAST = 3  # people: to train, to stop by, to judge
-OUTSIDE = 0.25  # a share of valid gaze beyond the picture's border that is worth a warning
 Say = Callable[[str], None]
 _CODES = {verb: index for index, verb in enumerate(VERBS)}
 
@@ -129,11 +129,9 @@ def gaze_warnings(root: Path) -> list[str]:
     """Sessions whose valid gaze lies outside of the picture more often than is likely for eyes that look at their hands."""
     made = []
     for file in sorted((root / GAZE).glob("*.txt")):
-        recording = read_begaze(file)
-        x, y = recording.x[recording.valid], recording.y[recording.valid]
-        outside = float(((x < 0.0) | (x > 1.0) | (y < 0.0) | (y > 1.0)).mean()) if len(x) else 0.0
+        outside = outside_share(read_begaze(file))
         if outside > OUTSIDE:
-            made.append(f"{file.stem}: {outside:.0%} of its valid gaze is outside of the picture; is it calibrated?")
+            made.append(outside_warning(file.stem, outside))
     return made
 
 

@@ -45,23 +45,29 @@ def recipe_of(session: str) -> str:
 
 
 def history_features(session: Sequence[Action], recipes: Sequence[str]) -> Floats:
-    """One row per action: what was annotated to have begun until 0.5 s before its onset. (N, F)."""
+    """One row per action: what was annotated to have begun until 0.5 s before its onset. (N, F).
+
+    Nothing of a row is known later than that: not when an action that is under way then will end.
+    """
     rows = []
     for action in session:
         seen = [before for before in session if before.start_ms <= action.start_ms - LEAD_MS and before is not action]
-        seen = [before for before in seen if (before.start_ms, before.end_ms) <= (action.start_ms, action.end_ms)]
         recent = np.zeros((DEPTH, K + 1))
         for place in range(DEPTH):
             recent[place, seen[-1 - place].label if len(seen) > place else K] = 1.0
         faded = np.zeros(K)
         for age, before in enumerate(reversed(seen[-12:])):
             faded[before.label] += DECAY**age
-        gap_s = (action.start_ms - LEAD_MS - seen[-1].end_ms) / 1000.0 if seen else 5.0
+        now_ms = action.start_ms - LEAD_MS
+        # When what is under way will end is not known yet; since when it is under way is.
+        under_way = bool(seen) and seen[-1].end_ms > now_ms
+        gap_s = 0.0 if under_way else (now_ms - seen[-1].end_ms) / 1000.0 if seen else 5.0
+        since_s = (now_ms - seen[-1].start_ms) / 1000.0 if under_way else 0.0
         by_last = np.zeros((2, K))
         if seen:
-            by_last[:, seen[-1].label] = np.log1p(max(gap_s, 0.0)), gap_s < 0.0
+            by_last[:, seen[-1].label] = np.log1p(gap_s), under_way
         recipe = np.array([float(recipe_of(action.session) == name) for name in recipes])
-        gap = [np.log1p(max(gap_s, 0.0)), np.log1p(max(-gap_s, 0.0)), gap_s > 0, gap_s > 2, gap_s > 5]
+        gap = [np.log1p(gap_s), np.log1p(since_s), gap_s > 0, gap_s > 2, gap_s > 5]
         rows.append(np.concatenate([recent.ravel(), faded, recipe, gap, [np.log1p(len(seen)) / 5], by_last.ravel()]))
     return np.array(rows, dtype=np.float64)
 

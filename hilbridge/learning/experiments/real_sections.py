@@ -62,7 +62,7 @@ def real_sections(root: Path, say: Say) -> Sequence[Section]:
             f"Real sensors with believed history: {what}",
             "real",
             [as_row(windows.summary())],
-            "The history is what the system itself believed. Most of the gain over the sensors alone is the prior of the "
-            "transitions (see marginal).",
+            "The history is what the system itself believed. gain: NLL, with its interval over people; an interval that "
+            "reaches below 0 shows nothing. Most of any gain is the prior of the transitions (see marginal).",
         ),
     ]
