@@ -13,10 +13,10 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import can
 import numpy as np
 
 from hilbridge.bus.model.frames import WireFrame
+from hilbridge.bus.quick_can import can
 from hilbridge.bus.simulated.client import BusClient, Rates
 from hilbridge.bus.simulated.interface import Network, SimulatedBus
 from hilbridge.core.bridge import Bridge, BridgeConfig

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -11,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hilbridge.doctor_sensors import LEAST_CAMERA_FPS, LEAST_GAZE_HZ, LEAST_VALID, Finding, Verdict
+from hilbridge.doctor_sensors import LEAST_CAMERA_FPS, LEAST_GAZE_HZ, LEAST_VALID, Finding, Verdict, judge_body
 from hilbridge.limits import MS, SENSING_LIMIT_MS
 
 if TYPE_CHECKING:
@@ -35,6 +36,8 @@ class Seen:
     accounts: dict[str, SourceAccount] = field(default_factory=dict)
     clocks: tuple[ClockRow, ...] = ()
     events: list[str] = field(default_factory=list)
+    body: Counter[str] = field(default_factory=Counter)
+    felt: str = ""
 
 
 def look(senses: Senses, seconds: float, show: Callable[[str], None]) -> Seen:
@@ -53,8 +56,9 @@ def look(senses: Senses, seconds: float, show: Callable[[str], None]) -> Seen:
 
     senses.vision.on_look = on_look
     senses.vision.on_event = seen.events.append
-    if senses.gaze is not None:
-        senses.gaze.on_event = seen.events.append
+    senses.body.on_sample = lambda kind, sample: seen.body.update([sample.sensor] if sample.valid else [])
+    for device in senses.devices:
+        device.on_event = seen.events.append
     try:
         senses.start()
         began_s = time.monotonic()
@@ -63,6 +67,11 @@ def look(senses: Senses, seconds: float, show: Callable[[str], None]) -> Seen:
             with lock:
                 show(_line(seen))
         seen.seconds = time.monotonic() - began_s
+        felt = senses.body.felt
+        if felt is not None:
+            said = "a tremor" if felt.trembling else "no tremor"
+            line = felt.line
+            seen.felt = said if line is None else f"{said}: {line.hz:.1f} Hz, {line.rms:.2f} m/s^2"
         seen.accounts, seen.clocks = senses.accounts(), senses.clocks(time.monotonic_ns())
     finally:
         senses.stop()
@@ -82,11 +91,13 @@ def judge(seen: Seen, *, with_gaze: bool, with_hands: bool) -> list[Finding]:
     """What was seen, against what a session needs. Pure."""
     findings = [_camera(seen)]
     if with_gaze:
-        findings += [_gaze(seen), *[_clock(clock) for clock in seen.clocks]]
+        findings.append(_gaze(seen))
     else:
         findings.append(Finding("gaze", Verdict.NOTE, "none given", "hilbridge check --gaze neon:"))
     if with_hands:
         findings.append(_hands(seen))
+    findings += [_body(what, seen) for what in ("inertial", "skeleton") if what in seen.accounts]
+    findings += [_clock(clock) for clock in seen.clocks]
     return findings
 
 
@@ -125,6 +136,13 @@ def _clock(clock: ClockRow) -> Finding:
     if clock.bound_ms > _CLOCK_LIMIT_MS:
         return Finding("clock", Verdict.ILL, text, "bring the phone nearer to the access point, or use a cable")
     return Finding("clock", Verdict.WELL, text)
+
+
+def _body(what: str, seen: Seen) -> Finding:
+    wanted = "hand" if what == "inertial" else "wrist"
+    rates_hz = {sensor: count / seen.seconds for sensor, count in seen.body.items()}
+    said = seen.felt if what == "inertial" else ""
+    return judge_body(what, what, {one: hz for one, hz in rates_hz.items() if wanted in one.lower()}, said)
 
 
 def _hands(seen: Seen) -> Finding:

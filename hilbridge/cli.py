@@ -20,8 +20,10 @@ from hilbridge.cli_run import (
     ConfigFile,
     Force,
     Gaze,
+    Inertial,
     Json,
     RunFolder,
+    Skeleton,
     print_or_json,
 )
 from hilbridge.guard import run_guarded
@@ -72,6 +74,8 @@ def doctor(
     bus_option: BusOption = None,
     camera: Camera = None,
     gaze: Gaze = None,
+    inertial: Inertial = None,
+    skeleton: Skeleton = None,
     bundle: BundleFile = None,
     config: ConfigFile = None,
     as_json: Json = False,
@@ -82,7 +86,7 @@ def doctor(
     from hilbridge.terminal import print_findings
 
     given: dict[str, dict[str, object]] = {
-        "sensors": {"camera": camera, "gaze": gaze},
+        "sensors": {"camera": camera, "gaze": gaze, "inertial": inertial, "skeleton": skeleton},
         "bus": {"spec": bus, "options": parse_options(bus_option) if bus_option else None},
         "model": {"bundle": None if bundle is None else str(bundle)},
     }

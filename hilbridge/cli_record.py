@@ -18,6 +18,7 @@ def register(app: typer.Typer) -> None:
     app.command("report")(report)
     app.command("replay")(replay)
     app.command("view")(view)
+    app.command("align")(align)
     app.command("label")(label)
     app.command("forget")(forget)
 
@@ -36,6 +37,27 @@ def recover(
     made = make_whole(recording, out)
     lacked = f"; {made.missing}" if made.missing else "; it was whole already"
     typer.echo(f"{made.path}: {made.rows} rows{lacked}")
+
+
+def align(
+    recording: Annotated[Path, typer.Argument(help="the recording of a run in which it was done")],
+    by: Annotated[
+        str, typer.Option("--by", help="flash (of light, the eye goes to it) or clap (of the hands)")
+    ] = "flash",
+    latency_ms: Annotated[float, typer.Option(min=80.0, max=500.0, help="from a flash to the eye's movement")] = 200.0,
+    write: Annotated[Path | None, typer.Option(metavar="TOML", help="put the line into this configuration")] = None,
+) -> None:
+    """Estimate a constant offset between camera and gaze, or camera and inertial sensors, that share no clock."""
+    from hilbridge.align.measure import By, measure
+    from hilbridge.align.written import write_line
+    from hilbridge.errors import InputError, nearest
+
+    if by not in list(By):
+        raise InputError(f"--by {by}: {nearest(by, list(By))}")
+    line = measure(recording, By(by), latency_ms).line()
+    if write is not None:
+        write_line(write, line)
+    typer.echo(line)
 
 
 def report(

@@ -12,8 +12,10 @@ if TYPE_CHECKING:
     from hilbridge.run import Outcome, RunOptions
 
 Flag = bool | None  # None leaves it to the configuration
-Camera = Annotated[str | None, typer.Option(help="device index, video file, or rtsp:// URL")]
+Camera = Annotated[str | None, typer.Option(help="device index, video file, rtsp:// URL, or neon:")]
 Gaze = Annotated[str | None, typer.Option(help="neon:[HOST], lsl:STREAM, udp:PORT; or Neon folder, BeGaze .txt, .csv")]
+Inertial = Annotated[str | None, typer.Option(help="hand acceleration: lsl:STREAM, udp:PORT, or iAssistADL folder")]
+Skeleton = Annotated[str | None, typer.Option(help="wrists: lsl:STREAM, udp:PORT, or iAssistADL folder")]
 CameraFps = Annotated[
     float | None, typer.Option(help="ask the camera for this rate, or play a file at it; ticks lock to 25")
 ]
@@ -31,6 +33,9 @@ Loop = Annotated[Flag, typer.Option("--loop", help="start a recording again at i
 KeyFile = Annotated[Path | None, typer.Option(help="16-byte key as hex, mode 0600")]
 ListenOnly = Annotated[Flag, typer.Option("--listen-only/--send", help="default: listen only on a physical bus")]
 Arm = Annotated[Flag, typer.Option("--arm", help="may send ACT on a physical bus")]
+Uncertified = Annotated[
+    Flag, typer.Option("--uncertified", help="a bench: arm although nobody certified the bundle's threshold")
+]
 Video = Annotated[Flag, typer.Option("--video/--no-video", help="record the pictures; default: yes")]
 RotateMb = Annotated[float | None, typer.Option(help="next part of the recording after so many megabytes")]
 RotateMinutes = Annotated[float | None, typer.Option(help="... or after so many minutes")]
@@ -46,6 +51,7 @@ MarkLsl = Annotated[str | None, typer.Option(metavar="NAME", help="label by an L
 ClearLatch = Annotated[
     bool, typer.Option("--clear-latch", help="authenticate clearing a latch or STOP; confirm it at the device")
 ]
+Profile = Annotated[bool, typer.Option("--profile", help="say how long each stage took: p50, p99, max")]
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text")]
 
 
@@ -58,6 +64,8 @@ def register(app: typer.Typer) -> None:
 def run(
     camera: Camera = None,
     gaze: Gaze = None,
+    inertial: Inertial = None,
+    skeleton: Skeleton = None,
     camera_fps: CameraFps = None,
     bus: Bus = None,
     bus_option: BusOption = None,
@@ -71,6 +79,7 @@ def run(
     key_file: KeyFile = None,
     listen_only: ListenOnly = None,
     arm: Arm = None,
+    uncertified: Uncertified = None,
     video: Video = None,
     rotate_mb: RotateMb = None,
     rotate_minutes: RotateMinutes = None,
@@ -80,6 +89,7 @@ def run(
     mark: Mark = None,
     mark_lsl: MarkLsl = None,
     clear_latch: ClearLatch = False,
+    profile: Profile = False,
     as_json: Json = False,
 ) -> None:
     """Run the bridge on a camera and an eye tracker (live or recorded) until they end or Ctrl-C."""
@@ -89,20 +99,25 @@ def run(
     from hilbridge.run import RunOptions
 
     given: dict[str, dict[str, object]] = {
-        "sensors": {"camera": camera, "camera_fps": camera_fps, "gaze": gaze, "hands": hands, "loop": loop},
+        "sensors": {"camera": camera, "gaze": gaze, "inertial": inertial, "skeleton": skeleton}
+        | {"camera_fps": camera_fps, "hands": hands, "loop": loop},
         "bus": {"spec": bus, "key_file": _text(key_file), "listen_only": listen_only, "arm": arm}
+        | {"uncertified": uncertified}
         | {"options": parse_options(bus_option) if bus_option else None},
         "model": {"bundle": _text(bundle)},
         "recording": {"video": video, "rotate_mb": rotate_mb, "rotate_minutes": rotate_minutes, "retain_days": retain}
         | {"participant": participant, "blur_faces": blur_faces},
     }
-    asked = RunOptions("", seconds, clear_latch=clear_latch, marks=MarkOptions(keys_of(mark or []), mark_lsl))
+    marks = MarkOptions(keys_of(mark or []), mark_lsl)
+    asked = RunOptions("", seconds, clear_latch=clear_latch, profile=profile, marks=marks)
     print_or_json(_run(config, given, asked, out, force=force, quiet=as_json), as_json)
 
 
 def check(
     camera: Camera = None,
     gaze: Gaze = None,
+    inertial: Inertial = None,
+    skeleton: Skeleton = None,
     camera_fps: CameraFps = None,
     config: ConfigFile = None,
     seconds: Annotated[float, typer.Option(min=1.0, help="how long to look")] = 10.0,
@@ -120,7 +135,8 @@ def check(
     from hilbridge.terminal import print_findings
 
     given: dict[str, dict[str, object]] = {
-        "sensors": {"camera": camera, "camera_fps": camera_fps, "gaze": gaze, "hands": hands}
+        "sensors": {"camera": camera, "gaze": gaze, "inertial": inertial, "skeleton": skeleton}
+        | {"camera_fps": camera_fps, "hands": hands}
     }
     sensors = load_config(config, given).sensors
     seen = look(open_senses(sensors), seconds, lambda line: None if as_json else typer.echo(line))

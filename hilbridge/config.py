@@ -10,7 +10,7 @@ import difflib
 import tomllib
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
@@ -35,15 +35,29 @@ class LslSection(_Part):
     worn: Annotated[int, Field(ge=0)] | str | None = Field(None, description="channel above 0 while worn")
 
 
+class LensSection(_Part):
+    """A camera's intrinsics, as cv2.calibrateCamera gives them, and the size of the pictures that they were made of."""
+
+    width: Annotated[int, Field(gt=0)]
+    height: Annotated[int, Field(gt=0)]
+    matrix: list[float] = Field(description="fx, fy, cx, cy in pixels")
+    distortion: list[float] = Field(description="4, 5 or 8 coefficients")
+
+
 class SensorsConfig(_Part):
     """Where pictures and gaze come from, and how long each may be silent before the bridge holds."""
 
-    camera: str | None = Field(None, description="device index, video file, or rtsp:// URL")
+    camera: str | None = Field(
+        None, description="device index, video file, rtsp:// URL, or neon: (of the glasses in `gaze`)"
+    )
     camera_fps: Annotated[float, Field(ge=1.0, le=240.0)] | None = Field(
         None, description="rate to ask a camera for, or to play a file at; default: its own"
     )
     camera_latency_ms: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
         0.0, description="age of a picture on arrival (exposure, transfer), where its driver gives no stamp"
+    )
+    camera_reader: Literal["auto", "pyav", "opencv"] = Field(
+        "auto", description="what reads pictures; auto: PyAV for streams where it is installed, else OpenCV"
     )
     gaze: str | None = Field(
         None, description="neon:[HOST], lsl:STREAM, udp:PORT; or a Neon recording folder, BeGaze .txt, or .csv"
@@ -51,11 +65,33 @@ class SensorsConfig(_Part):
     gaze_latency_ms: Annotated[float, Field(ge=0.0, le=100.0)] = Field(
         0.0, description="age of a sample on arrival, where the sender gives no stamp (udp)"
     )
+    gaze_offset_ms: Annotated[float, Field(ge=-1000.0, le=1000.0)] = Field(
+        0.0, description="added to the stamps of gaze, where it shares no clock with the camera (`hilbridge align`)"
+    )
+    inertial_offset_ms: Annotated[float, Field(ge=-1000.0, le=1000.0)] = Field(
+        0.0, description="added to the stamps of inertial sensors, likewise"
+    )
     gaze_homography: list[float] | None = Field(
         None, description="nine numbers, row by row: from 0..1 of the eye tracker's picture to 0..1 of the camera's"
     )
+    gaze_lens: LensSection | None = Field(
+        None,
+        description="intrinsics of the eye tracker's scene camera: gaze is straightened by them before the homography",
+    )
+    camera_lens: LensSection | None = Field(
+        None, description="intrinsics of the camera: gaze is bent by them after the homography"
+    )
     gaze_same_camera: bool = Field(False, description="the camera shows the eye tracker's own scene picture")
     lsl: LslSection = LslSection()
+    inertial: str | None = Field(
+        None, description="hand acceleration for the tremor guard: lsl:STREAM, udp:PORT, or an iAssistADL folder"
+    )
+    skeleton: str | None = Field(
+        None, description="wrists that stand in for hands the camera does not see: lsl:STREAM, udp:PORT, or a folder"
+    )
+    skeleton_projection: list[float] | None = Field(
+        None, description="twelve numbers, row by row: from metres of the skeleton to 0..1 of the camera's picture"
+    )
     hands: bool = Field(True, description="find hands with MediaPipe (extra `hands`)")
     hand_model: str | None = Field(None, description="hand_landmarker.task; default: the user's data folder")
     hand_model_sha256: str | None = Field(
@@ -64,6 +100,7 @@ class SensorsConfig(_Part):
     loop: bool = Field(False, description="start a recording again at its end")
     camera_timeout_ms: Annotated[int, Field(gt=0, le=SENSING_LIMIT_MS)] = SENSOR_TIMEOUT_MS
     gaze_timeout_ms: Annotated[int, Field(gt=0, le=SENSING_LIMIT_MS)] = SENSOR_TIMEOUT_MS
+    inertial_timeout_ms: Annotated[int, Field(gt=0, le=SENSING_LIMIT_MS)] = SENSOR_TIMEOUT_MS
     freeze_ms: Annotated[
         int, Field(gt=0, le=FREEZE_LIMIT_MAX_MS, description="identical pictures for so long are a frozen camera")
     ] = FREEZE_LIMIT_MS
@@ -80,6 +117,9 @@ class GateSection(_Part):
 
     tau_on: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     tau_off: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
+    precision: Annotated[float, Field(gt=0.0, lt=1.0)] | None = Field(
+        None, description="the lowest tau_on from which on the bundle's replay reaches it; tau_on, where given, wins"
+    )
     alpha: Annotated[float, Field(gt=0.0, le=1.0)] = 0.2
     top_k: Annotated[int, Field(ge=1, le=21)] = 3
     refractory_ms: Annotated[int, Field(ge=0, le=10_000)] = REFRACTORY_MS
@@ -103,6 +143,7 @@ class BusConfig(_Part):
     )
     listen_only: bool | None = Field(None, description="default: true on a physical bus, false on a virtual one")
     arm: bool = Field(False, description="may send ACT on a physical bus")
+    uncertified: bool = Field(False, description="a bench: arm with a bundle of recorded people without a certificate")
 
 
 PSEUDONYM = r"^[A-Za-z0-9_-]*[0-9][A-Za-z0-9_-]*$"  # with a digit, as names do not have

@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hilbridge.doctor_sensors import Finding, Verdict, check_camera, check_gaze, tried
+from hilbridge.doctor_sensors import Finding, Verdict, check_body, check_camera, check_gaze, tried
 from hilbridge.errors import InputError
 from hilbridge.lease import run_leased
 from hilbridge.priority import Level
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Finding", "Verdict", "examine", "worst"]
 
-_RUN_PACKAGES = ("python-can", "cantools", "numpy", "opencv-python-headless", "filterpy", "cryptography", "mcap")
+_RUN_PACKAGES = ("python-can", "cantools", "numpy", "opencv-python-headless", "cryptography", "mcap")
 _EXTRAS = {"hands": "mediapipe", "train": "torch"}
 
 
@@ -196,6 +196,11 @@ def examine(settings: Config, *, look_at_bus: bool) -> list[Finding]:
     bundle = None if settings.model.bundle is None else Path(settings.model.bundle)
     findings = [check_python(), *check_packages(), check_bundle(bundle), check_hand_model(), check_controller()]
     findings += [check_camera(settings.sensors.camera), check_gaze(settings.sensors.gaze, _channels(settings))]
+    findings += [
+        check_body(what, spec)
+        for what, spec in (("inertial", settings.sensors.inertial), ("skeleton", settings.sensors.skeleton))
+        if spec is not None
+    ]
     if look_at_bus:
         findings += check_bus(settings.bus.spec, settings.bus.options)
     else:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import time
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from hilbridge.errors import InputError
 from hilbridge.limits import MS
@@ -17,12 +18,15 @@ from hilbridge.sensors.source import SourceState
 if TYPE_CHECKING:
     from hilbridge.records import GazeSample
     from hilbridge.sensors.gaze import GazeRecording
-    from hilbridge.sensors.live.base import LiveGaze
+    from hilbridge.sensors.live.base import LiveDevice, LiveGaze
     from hilbridge.sensors.live.lsl import LslChannels
+
+T = TypeVar("T")
 
 # docs/configuration.md has these with their reasons.
 LEAST_CAMERA_FPS = 10.0  # below, the newest picture is older than the sensing limit leaves room for
 LEAST_GAZE_HZ = 20.0  # below the 25 Hz step less jitter, gaze is stale by itself
+LEAST_INERTIAL_HZ = 40.0  # below, a tremor of 12 Hz comes with less than three samples a turn once some are lost
 MOST_GAZE_HZ = 2_000.0  # no head-worn eye tracker is faster: stamps in another unit
 LEAST_VALID = 0.5
 NOTED_VALID = 0.8
@@ -105,12 +109,63 @@ def check_gaze(spec: str | None, channels: LslChannels | None = None) -> Finding
     return tried("gaze", lambda: judge_gaze(spec, open_gaze(Path(spec))))
 
 
+def check_body(what: str, spec: str | None) -> Finding:
+    """Reads the recording's inertial sensors or skeleton (`what`), or listens to those that are there."""
+    from hilbridge.sensors.live.spec import is_live, open_live_body
+    from hilbridge.sensors.recorded.body import BodyRecording
+
+    if spec is None:
+        return Finding(what, Verdict.NOTE, "none given", f"hilbridge doctor --{what} lsl:NAME")
+
+    def look() -> Finding:
+        if not is_live(spec):
+            streams = BodyRecording(what, Path(spec)).streams
+            lost = ", ".join(f"{one.name} {one.lost}" for one in streams)
+            return judge_body(what, spec, {one.name: one.rate_hz for one in streams}, f"lost: {lost}")
+        source = open_live_body(what, spec, {"inertial": "HAND", "skeleton": "WRIST"}[what])
+        samples, seconds = _heard(source)
+        counts = Counter(sample.sensor for sample in samples if sample.valid)
+        rates_hz = {name: count / seconds for name, count in counts.items()}
+        return judge_body(what, source.name, rates_hz, source.detail or _clock_told(source))
+
+    return tried(what, look)
+
+
+def judge_body(what: str, name: str, rates_hz: dict[str, float], told: str) -> Finding:
+    """What sensors on the body are worth, by the rates of each."""
+    wanted, least_hz = ("hand", LEAST_INERTIAL_HZ) if what == "inertial" else ("wrist", LEAST_GAZE_HZ)
+    rates = ", ".join(f"{sensor} {rate_hz:.3g} Hz" for sensor, rate_hz in sorted(rates_hz.items())) or "nothing comes"
+    text = f"{name}: {rates}{'; ' + told if told else ''}"
+    of_use = [rate_hz for sensor, rate_hz in rates_hz.items() if wanted in sensor.lower()]
+    if not of_use:
+        return Finding(what, Verdict.ILL, text, f"a sensor with `{wanted}` in its name has to be among them")
+    if min(of_use) < least_hz:
+        return Finding(
+            what, Verdict.ILL, f"{text}; {least_hz:g} a second are needed", "a higher rate, a better network"
+        )
+    return Finding(what, Verdict.WELL, text)
+
+
+def _clock_told(source: LiveDevice[Any]) -> str:
+    fit = None if source.clock is None else source.clock.fit
+    if fit is None:
+        return "stamped on arrival"
+    bound_ms = fit.bound_ns(fit.newest_ns) / MS
+    return f"clock known to {bound_ms:.1f} ms (residual {fit.residual_ns / MS:.2f} ms, {fit.drift_ppm:+.0f} ppm)"
+
+
 def _listen(spec: str, channels: LslChannels) -> tuple[LiveGaze, list[GazeSample], float]:
     """A live eye tracker's samples over a while, and its length in seconds from the first."""
     from hilbridge.sensors.live.spec import open_live_gaze
 
     source = open_live_gaze(spec, channels, 0)
-    samples: list[GazeSample] = []
+    samples, seconds = _heard(source)
+    return source, samples, seconds
+
+
+def _heard(source: LiveDevice[T]) -> tuple[list[T], float]:
+    """What a live device gives over a while, and its length in seconds from the first sample. It is stopped then."""
+    samples: list[T] = []
     source.on_value = samples.append
     source.start()
     begin_s = time.monotonic()
@@ -122,7 +177,7 @@ def _listen(spec: str, channels: LslChannels) -> tuple[LiveGaze, list[GazeSample
     said = source.state, source.detail
     source.stop()
     source.state, source.detail = said
-    return source, samples, seconds
+    return samples, seconds
 
 
 def judge_tracker(source: LiveGaze, samples: list[GazeSample], seconds: float) -> Finding:
@@ -134,9 +189,8 @@ def judge_tracker(source: LiveGaze, samples: list[GazeSample], seconds: float) -
     text = f"{source.name}: {len(samples)} samples in {seconds:.1f} s ({rate_hz:.3g} a second), {valid:.0%} valid"
     fit = None if source.clock is None else source.clock.fit
     if fit is not None:
-        bound_ms = fit.bound_ns(fit.newest_ns) / MS
-        text += f"; clock known to {bound_ms:.1f} ms (residual {fit.residual_ns / MS:.2f} ms, {fit.drift_ppm:+.0f} ppm)"
-        if bound_ms > BOUND_LIMIT_NS / MS:
+        text += f"; {_clock_told(source)}"
+        if fit.bound_ns(fit.newest_ns) > BOUND_LIMIT_NS:
             cure = "bring the phone nearer to the access point, or connect both by cable"
             return Finding("gaze", Verdict.ILL, f"{text}; 10 ms are needed", cure)
     else:

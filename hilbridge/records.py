@@ -81,6 +81,19 @@ class HandTracks:
 
 
 @dataclass(frozen=True, slots=True)
+class BodySample:
+    """Three numbers of one sensor on the body: its acceleration in m/s^2, gravity included, or a joint's place in metres."""
+
+    captured_ns: int
+    sensor: str
+    x: float
+    y: float
+    z: float
+    valid: bool = True
+    stamp: StampSource = StampSource.ARRIVAL
+
+
+@dataclass(frozen=True, slots=True)
 class FeatureVector:
     """The input x_t of the network at one 25 Hz step, before z-scoring (features/layout.py names each entry).
 
@@ -99,9 +112,9 @@ class FeatureVector:
 class IntentEstimate:
     """What the predictor believes the next verb is.
 
-    `probabilities` has one calibrated entry per class of `verbs.VERBS` and sums to 1; `confidence` is the calibrated
-    probability that `verb_index`, the top class, is right (with isotonic or Platt it is not max(probabilities)).
-    `valid` is the modality mask of the newest step.
+    `probabilities` has one entry per class of `verbs.VERBS`, scaled by the temperature, and sums to 1; `confidence` is that
+    of `verb_index`, the top class. `valid` is the modality mask of the newest step. `condition` names the map that makes
+    confidence of what the gate smooths (`hilbridge.confidence`); None: probabilities mean what they say, as a script's do.
     """
 
     oldest_input_ns: int
@@ -111,6 +124,7 @@ class IntentEstimate:
     confidence: float
     bundle_id: int
     valid: tuple[bool, bool, bool]
+    condition: int | None = None
 
 
 class Action(IntEnum):

@@ -8,7 +8,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from datetime import datetime
 from pathlib import Path
 from typing import Any, Protocol
@@ -26,6 +26,7 @@ from hilbridge.observe.summary import Summary
 from hilbridge.priority import use_realtime_scheduling
 from hilbridge.rows import CountersRow, EventRow, TickRow
 from hilbridge.runtime.account.judge import Judge
+from hilbridge.runtime.account.stages import Stage, Stages
 from hilbridge.runtime.assemble import Parts, live_bridge
 from hilbridge.runtime.live import LiveBridge
 from hilbridge.runtime.provenance import first_rows
@@ -41,9 +42,11 @@ class Outcome:
     summary: Summary
     recording: Path
     report: Path
+    stages: tuple[Stage, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        return {**self.summary.as_json(), "recording": str(self.recording), "report": str(self.report)}
+        stages = {"stages": [asdict(stage) for stage in self.stages]} if self.stages else {}
+        return {**self.summary.as_json(), **stages, "recording": str(self.recording), "report": str(self.report)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,13 +55,14 @@ class RunOptions:
 
     judge: None where the wearer's intention is not known. clear_latch: authenticate the clearing of a latch or stop;
     somebody at the device has to confirm it there. finish: called when the bridge has stopped; gives counters to lay
-    over the bridge's own in the last row.
+    over the bridge's own in the last row. profile: tell how long each stage took.
     """
 
     title: str
     seconds: float | None = None
     judge: Judge | None = None
     clear_latch: bool = False
+    profile: bool = False
     marks: MarkOptions = field(default_factory=MarkOptions)
     finish: Callable[[LiveBridge], Mapping[str, int]] = lambda live: {}
 
@@ -125,6 +129,7 @@ async def run_bridge(
     )
     pictures = _pictures(config.recording, recording)
     begin_ns = time.monotonic_ns()
+    stages: Stages | None = None
 
     def on_tick(row: TickRow) -> None:
         watcher.tick((time.monotonic_ns() - begin_ns) / 1e9, row)
@@ -136,6 +141,7 @@ async def run_bridge(
             if pictures is not None:
                 live.on_picture = pictures.offer
             live.on_notice = watcher.notice
+            stages = live.profile() if options.profile else None
             _obey_signals(live, recording, watcher)
             if options.clear_latch:
                 live.request_clear_latch()
@@ -161,7 +167,7 @@ async def run_bridge(
         raise InputError(
             f"report {report}: {error.strerror}; saved: {recording.path}, `hilbridge report` makes the page again"
         ) from None
-    return Outcome(summary, recording.path, report)
+    return Outcome(summary, recording.path, report, () if stages is None else stages.table())
 
 
 def _rotation(config: RecordingConfig) -> Rotation:

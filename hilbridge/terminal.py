@@ -18,6 +18,7 @@ from hilbridge.rows import TickRow
 if TYPE_CHECKING:  # they load drivers of buses and cameras, which a report does without
     from hilbridge.doctor import Finding
     from hilbridge.run import Outcome
+    from hilbridge.runtime.account.stages import Stage
 
 # Progress goes to stderr, so that `--json` on stdout stays one object.
 _ERR = Printer(stderr=True)
@@ -75,8 +76,21 @@ def print_outcome(outcome: Outcome) -> None:
     """The summary of a run, and where its recording and report are."""
     print_summary(outcome.summary)
     console = Printer()
+    if outcome.stages:
+        console.print(stages_table(outcome.stages))
     console.print(f"recording  {outcome.recording}", soft_wrap=True, highlight=False)
     console.print(f"report     {outcome.report}", soft_wrap=True, highlight=False)
+
+
+def stages_table(stages: Sequence[Stage]) -> Table:
+    """How long each stage took."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    for heading in ("stage", "times", "p50 ms", "p99 ms", "max ms"):
+        table.add_column(heading, justify="left" if heading == "stage" else "right")
+    for one in stages:
+        times_ms = (f"{value:.2f}" for value in (one.p50_ms, one.p99_ms, one.max_ms))
+        table.add_row(escape(one.name), str(one.count), *times_ms)
+    return table
 
 
 def summary_table(summary: Summary) -> Table:

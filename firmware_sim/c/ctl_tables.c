@@ -37,7 +37,7 @@ const ctl_message ctl_received[6] = {
      {{24, 32, false, false, 0x0U, 0U, 4294967295U},
       {56, 8, false, false, 0x0U, 1U, 255U}}},
     {0x300, 0x1300, 255, 2, 0x0ULL,
-     {{24, 8, false, true, 0x0U, 0U, 21U},
+     {{24, 8, false, true, 0x0U, 0U, 23U},
       {32, 32, false, false, 0x0U, 0U, 4294967295U}}},
 };
 const ctl_message ctl_own[6] = {

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterator
 from typing import TextIO
 
-import can
+from hilbridge.bus.quick_can import can
 
 _ERROR_FLAG, _ERROR_MASK = 0x20000000, 0x1FFFFFFF
 _BRS, _ESI = 1, 2

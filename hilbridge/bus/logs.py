@@ -11,10 +11,9 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
-import can
-
 from hilbridge.bus.candump_text import candump_line, read_candump
 from hilbridge.bus.mf4_batches import in_batches
+from hilbridge.bus.quick_can import can, load_mf4
 from hilbridge.bus.trc_text import trc_writer
 from hilbridge.errors import InputError, needs_extra
 from hilbridge.records import Frame
@@ -28,7 +27,7 @@ def _check(path: Path) -> None:
         raise InputError(f"{path}: not a CAN log by its name; use one of {', '.join(SUFFIXES)}")
     if path.suffix.lower() == ".mf4":
         with needs_extra("mdf"):
-            import asammdf  # noqa: F401
+            load_mf4()
 
 
 def read_log(path: Path) -> Iterator[Frame]:

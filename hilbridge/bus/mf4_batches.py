@@ -4,9 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-import can
 import numpy as np
 from numpy.typing import NDArray
+
+from hilbridge.bus.quick_can import can
 
 _BATCH = 5_000
 _Samples = tuple[NDArray[Any], None]

@@ -6,8 +6,7 @@ import itertools
 from collections.abc import Callable
 from typing import TextIO
 
-import can
-from can.util import channel2int, len2dlc
+from hilbridge.bus.quick_can import can
 
 _DAYS_TO_1970 = 25_569  # from the format's day 0, 30 December 1899
 _HEAD = """;$FILEVERSION=2.1
@@ -45,10 +44,10 @@ def trc_writer(file: TextIO) -> Callable[[can.Message], object]:
 def _line(number: int, message: can.Message, start_s: int) -> str:
     offset_ms = round((message.timestamp - start_s) * 1e6) / 1e3
     name = f"{message.arbitration_id:08X}" if message.is_extended_id else f"{message.arbitration_id:04X}"
-    bus = (channel2int(message.channel) or 0) + 1
+    bus = (can.util.channel2int(message.channel) or 0) + 1
     way = "Rx" if message.is_rx else "Tx"
     data = "" if message.is_remote_frame else bytes(message.data).hex(" ").upper()
-    code = len2dlc(message.dlc)
+    code = can.util.len2dlc(message.dlc)
     line = f"{number:>7} {offset_ms:13.3f} {_kind(message)} {bus:>2} {name:>8} {way} -  {code:<4} {data}"
     return line.rstrip() + "\n"
 

@@ -2,20 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from hilbridge.bus.diagnosis import BusFinding, Observation, Severity
 from hilbridge.conformance.hearing import Hearing
 from hilbridge.errors import InputError
+from hilbridge.intent.provenance import Origin
 from hilbridge.limits import PROTOCOL_VERSION
-from hilbridge.runtime.assemble import RECORDED_PEOPLE
 from hilbridge.wire.codec import Codec
 
 _SHARE = 0.5  # of unsound frames, from which on it is no noise
 
 
-def admit_bus(spec: str, *, physical: bool, on_a_bench: bool, provenance: Mapping[str, object]) -> None:
-    """Raises InputError for a physical bus, unless it is a bench and nothing says otherwise."""
+def admit_bus(spec: str, *, physical: bool, on_a_bench: bool, origin: Origin | None) -> None:
+    """Raises InputError for a physical bus, unless it is a bench and nothing says otherwise. origin: of the bundle."""
     if not physical:
         return
     if not on_a_bench:
@@ -23,10 +23,10 @@ def admit_bus(spec: str, *, physical: bool, on_a_bench: bool, provenance: Mappin
             f"bus {spec}: may reach a device that somebody wears, and this test forges, stops and latches; take the device "
             "off, then say --i-am-on-a-bench"
         )
-    if provenance.get("origin") == RECORDED_PEOPLE:
+    if origin is not Origin.SIMULATED:
         raise InputError(
-            f"bus {spec}: the bundle is one of recorded people, which is made for a wearer and not for a bench; leave "
-            "--bundle and model.bundle out"
+            f"bus {spec}: the bundle is of {origin or 'unknown origin'}, and only one of simulated people is for a bench; "
+            "leave --bundle and model.bundle out"
         )
 
 

@@ -67,7 +67,9 @@ async def _admit(config: Config, parts: Parts, asked: Asked, options: dict[str, 
     spec = config.bus.spec
     frames: list[Frame] = []
     async with BusPort.open(spec, listen_only=True, **options) as port:
-        admit_bus(spec, physical=port.is_physical, on_a_bench=asked.on_a_bench, provenance=parts.bundle.provenance)
+        made_of = parts.bundle.provenance
+        origin = None if made_of is None else made_of.origin
+        admit_bus(spec, physical=port.is_physical, on_a_bench=asked.on_a_bench, origin=origin)
         began_s = time.monotonic()
         try:
             async with asyncio.timeout(_LISTEN_S):

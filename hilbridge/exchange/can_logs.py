@@ -8,9 +8,8 @@ from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 from typing import NamedTuple
 
-import can
-
 from hilbridge.bus.logs import losses, read_messages, write_messages
+from hilbridge.bus.quick_can import can
 from hilbridge.errors import InputError
 from hilbridge.observe.reading import read_recording
 from hilbridge.observe.recording import Recording

@@ -1,15 +1,13 @@
 """The two Kalman filters of the feature chain in closed form: a point that stays, and a point that moves on.
 
 Both axes of a point are alike and independent, so one small covariance serves both and a step is a dozen products of
-plain floats. A general filter spends thirty times as long on checking and multiplying 4 x 4 matrices. filterpy makes the
-process noise here, and its `KalmanFilter` is what the tests hold these two against (docs/decisions/011).
+plain floats. A general filter spends thirty times as long on checking and multiplying 4 x 4 matrices. filterpy's noise and its
+`KalmanFilter` are what the tests hold these two against (docs/decisions/011).
 """
 
 from __future__ import annotations
 
 from functools import lru_cache
-
-from filterpy.common import Q_discrete_white_noise
 
 
 class ConstantPositionFilter:
@@ -76,5 +74,5 @@ class ConstantVelocityFilter:
 @lru_cache(maxsize=256)
 def process_noise(elapsed_ns: int, acceleration_variance: float) -> tuple[float, float, float]:
     """What a random acceleration adds in a time: variance of position, covariance, variance of velocity."""
-    (pp, pv), (_, vv) = Q_discrete_white_noise(2, elapsed_ns * 1e-9, acceleration_variance).tolist()
-    return pp, pv, vv
+    dt = elapsed_ns * 1e-9
+    return 0.25 * dt**4 * acceleration_variance, 0.5 * dt**3 * acceleration_variance, dt**2 * acceleration_variance

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 from hilbridge.errors import InputError
-from hilbridge.records import GazeSample
 
 _LEAST_AREA = 1e-4  # of the picture: what the whole scene picture must fill at least
 
@@ -25,13 +24,6 @@ class Homography:
         if depth <= 0.0:
             return math.nan, math.nan
         return (a * x + b * y + c) / depth, (d * x + e * y + f) / depth
-
-    def sample(self, sample: GazeSample) -> GazeSample:
-        """A sample carried over; one that leaves the picture is invalid."""
-        x, y = self.carry(sample.x, sample.y)
-        if not (0.0 <= x <= 1.0 and 0.0 <= y <= 1.0):
-            return replace(sample, x=0.0, y=0.0, valid=False)
-        return replace(sample, x=x, y=y)
 
 
 def homography_of(numbers: Sequence[float]) -> Homography:

@@ -141,7 +141,7 @@ def _decide(
             )
         beliefs.belief = tick.belief
         row = tick.row
-        told = Told(tick.vector, row.sensor_problem, row.outside, row.overrun, row.time_ns)
+        told = Told(tick.vector, row.sensor_problem, row.outside, row.overrun, row.time_ns, row.felt_tremor)
         decision, before = decided(decider, told, before)
         yield Compared(row, decision, _verb(decision), decider.estimate)
 

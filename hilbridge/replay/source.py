@@ -174,7 +174,8 @@ class AnewLooks:
     def _hands(self, row: FeaturesRow, picture: Row | None) -> HandTracks | None:
         if row.hands_ns is None:
             return None
-        if self._eyes.detector is not None and isinstance(picture, ImageRow):
-            return self._eyes.detector.detect(self._eyes.of_picture(picture))
         found = self._inputs.get((HandsRow, row.hands_ns))
+        wrists = isinstance(found, HandsRow) and any(not hand.landmarks for hand in found.hands)
+        if self._eyes.detector is not None and isinstance(picture, ImageRow) and not wrists:
+            return self._eyes.detector.detect(self._eyes.of_picture(picture))
         return hand_tracks(found) if isinstance(found, HandsRow) else None

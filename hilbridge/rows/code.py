@@ -14,7 +14,17 @@ from hilbridge.rows.decisions import BeliefRow, TickRow
 from hilbridge.rows.fields import Direction
 from hilbridge.rows.run import BundleRow, ConfigRow, CountersRow, EventRow, FaultRow, HostRow, LabelRow, MetaRow
 from hilbridge.rows.schema import viewable
-from hilbridge.rows.senses import ClockRow, FeaturesRow, GazeRow, HandsRow, ImageRow, SceneRow, SensorsRow
+from hilbridge.rows.senses import (
+    ClockRow,
+    FeaturesRow,
+    GazeRow,
+    HandsRow,
+    ImageRow,
+    InertialRow,
+    SceneRow,
+    SensorsRow,
+    SkeletonRow,
+)
 
 FixedRow = (
     MetaRow
@@ -28,6 +38,8 @@ FixedRow = (
     | SceneRow
     | GazeRow
     | HandsRow
+    | InertialRow
+    | SkeletonRow
     | CanRow
     | DeviceRow
     | FaultRow

@@ -22,7 +22,7 @@ class TickRow:
     reason: HoldReason
     """Why the bridge holds; `none` under ACT."""
     confidence: float
-    """Smoothed confidence that the gate compares with its thresholds, 0..1, to the last bit."""
+    """What the gate compares with its thresholds, 0..1, to the last bit: smoothed, then calibrated."""
     verb: str | None = None
     """The assisted verb under ACT."""
     tau_on: float | None = None
@@ -33,7 +33,7 @@ class TickRow:
     top_verb: str | None = None
     """The likeliest verb of the newest belief (/belief has all of them)."""
     top_confidence: float | None = None
-    """Calibrated confidence in it, before smoothing."""
+    """Its probability, before smoothing."""
     gaze_valid: bool = False
     """Which modalities the newest features have."""
     hands_valid: bool = False
@@ -53,7 +53,13 @@ class TickRow:
     overrun: bool = False
     """Whether the last tick was so long ago that this one decides for another moment."""
     tremor: bool = False
-    """Whether the tremor guard holds."""
+    """Whether the tremor guard holds by what it sees of the hands."""
+    felt_tremor: bool | None = None
+    """Whether it holds by what inertial sensors feel; absent where there are none."""
+    felt_hz: float | None = None
+    """The strongest line in the acceleration of the hands, whether it is a tremor or not."""
+    felt_rms: float | None = None
+    """Its root mean square, in m/s^2."""
     device_state: str | None = None
     """The device's state as last heard, in the DBC's words."""
     armed: bool = False
@@ -100,13 +106,15 @@ class BeliefRow:
     """The likeliest."""
     verb_index: int
     confidence: float
-    """Calibrated probability that `verb` is right."""
+    """Its probability."""
     probabilities: tuple[float, ...]
     """Of every verb in the order of the bundle (/bundle names them)."""
     bundle_id: int
     gaze_valid: bool
     hands_valid: bool
     scene_valid: bool
+    condition: int | None = None
+    """Which map of the bundle makes confidence of it: modalities of the window in bits 0 to 2, level of tremor above."""
 
 
 def belief_row(estimate: IntentEstimate, now_ns: int) -> BeliefRow:
@@ -121,6 +129,7 @@ def belief_row(estimate: IntentEstimate, now_ns: int) -> BeliefRow:
         estimate.probabilities,
         estimate.bundle_id,
         *estimate.valid,
+        estimate.condition,
     )
 
 
@@ -135,4 +144,5 @@ def estimate_of(row: BeliefRow) -> IntentEstimate:
         row.confidence,
         row.bundle_id,
         valid,
+        row.condition,
     )

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from hilbridge.records import FeatureVector, GazeSample, Hand, HandTracks, StampSource
+from hilbridge.records import BodySample, FeatureVector, GazeSample, Hand, HandTracks, StampSource
 from hilbridge.rows.fields import Base64, finite, number
 
 
@@ -68,6 +68,41 @@ class GazeRow:
     """0..1 of the picture from the left."""
     y: float | None = None
     """0..1 from the top."""
+    stamp: StampSource = StampSource.ARRIVAL
+
+
+@dataclass(frozen=True, slots=True)
+class InertialRow:
+    """What an inertial sensor felt, gravity included."""
+
+    topic: ClassVar[str] = "/inertial"
+
+    time_ns: int
+    captured_ns: int
+    sensor: str
+    x: float
+    """In m/s^2, along the sensor's own axes."""
+    y: float
+    z: float
+    valid: bool = True
+    stamp: StampSource = StampSource.ARRIVAL
+
+
+@dataclass(frozen=True, slots=True)
+class SkeletonRow:
+    """Where a joint of the skeleton was."""
+
+    topic: ClassVar[str] = "/skeleton"
+
+    time_ns: int
+    captured_ns: int
+    sensor: str
+    """Which joint."""
+    x: float
+    """In metres, as the skeleton's own camera has it."""
+    y: float
+    z: float
+    valid: bool = True
     stamp: StampSource = StampSource.ARRIVAL
 
 
@@ -169,6 +204,12 @@ def image_stamp(captured_ns: int) -> Stamp:
 def gaze_row(sample: GazeSample, now_ns: int) -> GazeRow:
     """A sample as it came in."""
     return GazeRow(now_ns, sample.captured_ns, sample.valid, finite(sample.x), finite(sample.y), sample.stamp)
+
+
+def body_row(kind: type[InertialRow] | type[SkeletonRow], sample: BodySample, now_ns: int) -> InertialRow | SkeletonRow:
+    """A sample as it came in."""
+    place = sample.x, sample.y, sample.z
+    return kind(now_ns, sample.captured_ns, sample.sensor, *place, sample.valid, sample.stamp)
 
 
 def gaze_sample(row: GazeRow) -> GazeSample:

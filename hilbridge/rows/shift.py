@@ -9,7 +9,16 @@ from hilbridge.rows.bus import CanRow
 from hilbridge.rows.code import Row
 from hilbridge.rows.decisions import BeliefRow, TickRow
 from hilbridge.rows.run import LabelRow
-from hilbridge.rows.senses import FeaturesRow, GazeRow, HandsRow, ImageRow, SceneRow, image_stamp
+from hilbridge.rows.senses import (
+    FeaturesRow,
+    GazeRow,
+    HandsRow,
+    ImageRow,
+    InertialRow,
+    SceneRow,
+    SkeletonRow,
+    image_stamp,
+)
 
 _STAMPS: dict[type[Any], tuple[str, ...]] = {
     TickRow: ("features_ns",),
@@ -19,6 +28,8 @@ _STAMPS: dict[type[Any], tuple[str, ...]] = {
     SceneRow: ("captured_ns",),
     GazeRow: ("captured_ns",),
     HandsRow: ("captured_ns",),
+    InertialRow: ("captured_ns",),
+    SkeletonRow: ("captured_ns",),
     LabelRow: ("end_ns",),
 }
 

@@ -48,8 +48,16 @@ def gaze_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None, *, li
 
     A live one gives 60 samples a second or more, so it can be asked to hold *within* its limit: a tick's length less.
     """
-    limit_ns = limits.gaze_timeout_ms * MS
-    return SensorSeen("gaze", alive, captured_ns, None, max(limit_ns - TICK_NS, limit_ns // 2) if live else limit_ns)
+    return SensorSeen("gaze", alive, captured_ns, None, _within(limits.gaze_timeout_ms * MS, live))
+
+
+def _within(limit_ns: int, live: bool) -> int:
+    return max(limit_ns - TICK_NS, limit_ns // 2) if live else limit_ns
+
+
+def inertial_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None, *, live: bool = False) -> SensorSeen:
+    """The inertial sensors against their limit: without them nobody sees a quick tremor. Live ones as live gaze."""
+    return SensorSeen("inertial", alive, captured_ns, None, _within(limits.inertial_timeout_ms * MS, live))
 
 
 def hands_seen(limits: SensorsConfig, alive: bool, captured_ns: int | None) -> SensorSeen:

@@ -10,7 +10,7 @@ from dataclasses import replace
 from hilbridge.bus.port.asyncio_port import BusPort
 from hilbridge.bus.port.state import PortState, SendResult
 from hilbridge.limits import STOP_GAP_NS, STOP_REPEATS, TICK_GRACE_NS
-from hilbridge.records import CameraFrame, FeatureVector, Frame, GazeSample
+from hilbridge.records import BodySample, CameraFrame, FeatureVector, Frame, GazeSample
 from hilbridge.rows import (
     CountersRow,
     EventRow,
@@ -19,6 +19,7 @@ from hilbridge.rows import (
     SensorsRow,
     TickRow,
     belief_row,
+    body_row,
     features_row,
     gaze_row,
     hands_row,
@@ -30,6 +31,8 @@ from hilbridge.runtime.account.device_view import DeviceView
 from hilbridge.runtime.account.judge import Judge
 from hilbridge.runtime.account.losses import Losses
 from hilbridge.runtime.account.notices import DEAF_NS, Facts, Notices
+from hilbridge.runtime.account.stages import Stages
+from hilbridge.runtime.body import Kind
 from hilbridge.runtime.node import BridgeNode
 from hilbridge.runtime.phase import locks_to, next_tick
 from hilbridge.runtime.senses import Senses
@@ -71,7 +74,9 @@ class LiveBridge:
         self._clearing: bool | None = None  # whether a challenge to clear has been answered
         self._stopping = asyncio.Event()
         self._new_features = asyncio.Event()
+        self.stages: Stages | None = None
         self._device = DeviceView()
+        self._clock_known = False
         self._port_drops = 0
         self.losses = Losses()
 
@@ -97,6 +102,11 @@ class LiveBridge:
     def _repeat_stop(self) -> None:
         self._send_all(self.node.bridge.poll(self._clock_ns()))
 
+    def profile(self) -> Stages:
+        """Tell from now on how long each stage takes."""
+        self.stages = self.senses.vision.stages = Stages()
+        return self.stages
+
     async def run(self, seconds: float | None = None) -> None:
         """Start the senses, tick at 25 Hz, stop everything again, whatever happens."""
         loop = asyncio.get_running_loop()
@@ -105,7 +115,9 @@ class LiveBridge:
         self.senses.vision.on_event = lambda text: _call_on(loop, lambda: self._note_event(text))
         if self.senses.gaze is not None:
             self.senses.gaze.on_value = self._note_gaze
-            self.senses.gaze.on_event = lambda text: _call_on(loop, lambda: self._note_event(text))
+        self.senses.body.on_sample = self._note_body
+        for device in self.senses.devices:
+            device.on_event = lambda text: _call_on(loop, lambda: self._note_event(text))
         await asyncio.to_thread(self.senses.start)
         try:
             async with asyncio.TaskGroup() as tasks:
@@ -137,6 +149,8 @@ class LiveBridge:
             if self.senses.ended or (end_ns is not None and now_ns >= end_ns):
                 return
             self.tick_late_max_ms = max(self.tick_late_max_ms, (now_ns - due_ns) / 1e6)
+            if self.stages is not None:
+                self.stages.add("tick late", max(0, now_ns - due_ns))
             self._tick(vector, now_ns)
             ready_ns = self.senses.vision.last_ready_ns
             known = lock and ready_ns is not None and ready_ns <= now_ns
@@ -159,19 +173,28 @@ class LiveBridge:
                 return self.senses.take()
 
     def _tick(self, vector: FeatureVector | None, now_ns: int) -> None:
-        tick = self.node.tick(vector, self.senses.seen(), now_ns)
+        felt = self.senses.body.felt
+        tick = self.node.tick(vector, self.senses.seen(), now_ns, None if felt is None else felt.trembling)
         self._send_all(tick.frames)
         sent_ns = self._clock_ns()
+        line = None if felt is None else felt.line
         truth = None if self._judge is None else self._judge(now_ns, tick.decision.verb_index)
         row = replace(
             with_truth(tick.row, truth),
             work_ms=round((sent_ns - now_ns) / 1e6, 3),
             latency_ms=None if vector is None else round((sent_ns - vector.captured_ns) / 1e6, 3),
+            felt_hz=None if line is None else round(line.hz, 2),
+            felt_rms=None if line is None else round(line.rms, 3),
         )
         if tick.belief is not None:
             self._record(belief_row(tick.belief, now_ns))
         self._record(row)
         self._on_tick(row)
+        if self.stages is not None:
+            self.stages.add("tick", sent_ns - now_ns)
+            if vector is not None:
+                self.stages.add("features -> ACT_CMD", sent_ns - (self.senses.vision.last_ready_ns or sent_ns))
+                self.stages.add("capture -> ACT_CMD", sent_ns - vector.captured_ns)
 
     def _note_look(self, frame: CameraFrame, look: Look) -> None:
         # All of one look have the time at which it was ready: a tick may have taken it meanwhile.
@@ -182,6 +205,9 @@ class LiveBridge:
 
     def _note_gaze(self, sample: GazeSample) -> None:
         self._record(gaze_row(sample, self._clock_ns()))
+
+    def _note_body(self, kind: Kind, sample: BodySample) -> None:
+        self._record(body_row(kind, sample, self._clock_ns()))
 
     def _note_event(self, text: str) -> None:
         self._record(EventRow(self._clock_ns(), text))
@@ -257,8 +283,14 @@ class LiveBridge:
     def _keep_house(self) -> None:
         now_ns = self._clock_ns()
         self._record(SensorsRow(now_ns, self.senses.accounts()))
-        for row in self.senses.clocks(now_ns):
+        clocks = self.senses.clocks(now_ns)
+        for row in clocks:
             self._record(row)
+        self._clock_known = self._clock_known or bool(clocks)
+        if self._clock_known:  # where nobody has a clock of his own, nothing is said of it
+            worst = max(clocks, key=lambda row: row.bound_ms, default=None)
+            bound_ns, residual_ns = (None, 0) if worst is None else (worst.bound_ms * 1e6, worst.residual_ms * 1e6)
+            self.node.on_clock(None if bound_ns is None else round(bound_ns), round(residual_ns))
         self._record(CountersRow(now_ns, self.counters()))
 
     def counters(self, withdrawn: int | None = None) -> dict[str, int]:

@@ -30,6 +30,9 @@ _BUS_STATES = {  # of BRIDGE_DIAG; 0 is unknown
 }
 
 
+_UNKNOWN_US = 0xFFFFFFFF
+
+
 @dataclass(frozen=True, slots=True)
 class Tick:
     """What one tick came to: frames to send in order, the decision as sent, a row for the recording, and the belief in
@@ -92,17 +95,29 @@ class BridgeNode:
         if bus_off or not link_up:
             self.bridge.on_send_failed(bus_down=True)
 
-    def tick(self, vector: FeatureVector | None, sensors: tuple[SensorSeen, ...], now_ns: int) -> Tick:
-        """One 25 Hz tick. `vector` is the newest features not yet seen, or None."""
+    def on_clock(self, bound_ns: int | None, residual_ns: int) -> None:
+        """How well the least known clock of a live device is known, for BRIDGE_DIAG; None: not at all just now."""
+        self.bridge.diag["ClockBoundUs"] = _UNKNOWN_US if bound_ns is None else min(bound_ns // 1000, _UNKNOWN_US)
+        self.bridge.diag["ClockResidualUs"] = min(residual_ns // 1000, _UNKNOWN_US)
+
+    def tick(
+        self,
+        vector: FeatureVector | None,
+        sensors: tuple[SensorSeen, ...],
+        now_ns: int,
+        shaking: bool | None = None,
+    ) -> Tick:
+        """One 25 Hz tick. `vector` is the newest features not yet seen, or None; `shaking` what inertial sensors feel."""
         bridge, decider = self.bridge, self.decider
         bridge.begin_tick(now_ns)
         problem = first_problem(sensors, now_ns)
         self._say_sensors(problem, now_ns)
-        told = Told(vector, problem, bridge.veto(now_ns), bridge.overrun, now_ns)
+        told = Told(vector, problem, bridge.veto(now_ns), bridge.overrun, now_ns, shaking)
         wish = decider.step(told)
-        if vector is not None:
-            shaking = "tremor in the hands" if decider.tremor else "no tremor in the hands"
-            self._say("tremor", decider.tremor, now_ns, shaking)
+        if vector is not None or shaking:
+            trembling = decider.tremor or bool(shaking)
+            said = "tremor in the hands" if trembling else "no tremor in the hands"
+            self._say("tremor", trembling, now_ns, said)
         # Sensing that cannot be believed has no age: the device is told so, and falls back to following by itself.
         frames = bridge.tick(wish, decider.oldest_input_ns, decider.valid, self._bundle_id, now_ns)
         sent = as_sent(wish, bridge.command)
@@ -147,6 +162,7 @@ class BridgeNode:
             outside=told.outside,
             overrun=told.overrun,
             tremor=decider.tremor,
+            felt_tremor=told.shaking,
             device_state=None if device is None else device.state,
             armed=self.bridge.session.armed,
         )

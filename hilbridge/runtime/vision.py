@@ -10,9 +10,11 @@ from typing import Protocol
 import cv2
 
 from hilbridge.features.assembler import FeatureAssembler
+from hilbridge.features.wrists import WristHands, stood_in
 from hilbridge.priority import Level, take_level
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample, HandTracks
 from hilbridge.rows import Look
+from hilbridge.runtime.account.stages import Stages
 from hilbridge.runtime.health import FreezeProbe
 from hilbridge.sensors.cell import LatestCell
 
@@ -29,7 +31,7 @@ class VisionWorker:
     `find_hands` is made in the worker's own thread (MediaPipe wants one thread) and may be None: hands are then masked.
     `on_vector` is called in the worker's thread after each, then `on_look` with the picture and all that was made of it.
     `hands_alive` is the detector's own word where it has one, `hands_ns` the newest picture that it answered.
-    `freeze` knows when the picture's content last changed.
+    `freeze` knows when the picture's content last changed. `wrists` stand in for hands that the picture does not show.
     """
 
     def __init__(
@@ -47,6 +49,8 @@ class VisionWorker:
         self.last_ready_ns: int | None = None
         self.hands_alive: bool | None = None  # None: nothing that can die finds them
         self.hands_ns: int | None = None
+        self.stages: Stages | None = None  # where times are told, if anybody wants them
+        self.wrists: WristHands | None = None
         self.on_event: Callable[[str], None] = lambda text: None
         self.on_vector: Callable[[], None] = lambda: None
         self.on_look: Callable[[CameraFrame, Look], None] = lambda frame, look: None
@@ -89,14 +93,23 @@ class VisionWorker:
                 close()
 
     def _step(self, frame: CameraFrame, detector: FindsHands | None, assembler: FeatureAssembler) -> None:
+        begin_ns = self._clock_ns()
         self.freeze.look(frame)
         hands = detector.detect(frame) if detector is not None else None
+        looked_ns = self._clock_ns()
         self.hands_alive = getattr(detector, "alive", None)
         self.hands_ns = self.hands_ns if hands is None else frame.captured_ns
         self.frames_with_hands += bool(hands and hands.hands)
+        hands = stood_in(hands, self.wrists, frame.captured_ns)
         gaze = self._gaze.take() if self._gaze is not None else None
         vector = assembler.update(frame, gaze, hands, frame.captured_ns)
         ready_ns = self.last_ready_ns = self._clock_ns()
+        if self.stages is not None:
+            self.stages.add("capture -> vision", begin_ns - frame.captured_ns)
+            if detector is not None:
+                self.stages.add("hands", looked_ns - begin_ns)
+            self.stages.add("features", ready_ns - looked_ns)
+            self.stages.add("capture -> features", ready_ns - frame.captured_ns)
         self.vectors.put(vector)
         self.on_vector()
         self.on_look(frame, Look(ready_ns, vector, frame.sequence, gaze, hands))

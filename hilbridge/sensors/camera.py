@@ -2,33 +2,30 @@
 
 from __future__ import annotations
 
+import importlib.util
 import math
-import os
 import re
 import time
 from collections.abc import Callable
 from pathlib import Path
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from hilbridge.errors import InputError
 from hilbridge.records import CameraFrame, StampSource
+from hilbridge.sensors.clock import DeviceClock
+from hilbridge.sensors.pictures.capture import Capture, Kind, OpenCvCapture, Reader
+from hilbridge.sensors.pictures.stamps import SenderStamps, taken_at
 from hilbridge.sensors.source import Source, SourceState
 
-_RETRY_S = 0.5
+_RETRIES_S = (0.5, 0.5, 1.0, 2.0, 4.0)  # pauses before a device or stream is tried again; the last one stays
 _READS_BEFORE_GONE = 5
 _OPEN_TIMEOUT_MS = 5_000
 _LAST_CAMERA = 255
-_FAR_OFF_NS = 1_000_000_000  # a stamp further back than this is no stamp of now
 _REOPEN_TIMEOUT_MS = 2_000
 _READ_TIMEOUT_MS = 1_000  # a stream whose connection died without closing is gone after this
 _RATE_SAMPLE = 25  # pictures from whose stamps a file's rate is told where it does not say
-
-# OpenCV and FFmpeg print to stderr what this module reports in one line of its own.
-os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")
-cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
 
 
 def _numbered(spec: str) -> str:
@@ -48,8 +45,10 @@ class CameraSource(Source[CameraFrame]):
     A file is played by its own stamps as if it were a camera (a Neon scene video by its `.time` file); `loop` starts it
     again at its end. `fps` plays it at
     that rate instead, and asks a device for it (`self.fps` is what it then says it does). A device or stream
-    that goes away is tried again every half second and is GONE meanwhile. Pictures of a device have the driver's own stamp
-    (`StampSource.HARDWARE`) where it gives one of this clock, else that of their arrival less `latency_ns`.
+    that goes away is tried again and again, with growing pauses, and is GONE meanwhile. Pictures of a device have the
+    driver's own stamp (`StampSource.HARDWARE`) where it gives one of this clock, those of a stream the sender's
+    (`StampSource.RTCP`) where its reports say it; else that of their arrival less `latency_ns`. `clock` knows the sender's
+    clock, where somebody asks it.
 
     Raises InputError when `spec` cannot be opened or gives no picture, or `fps` is wanted of a stream.
     """
@@ -61,75 +60,80 @@ class CameraSource(Source[CameraFrame]):
         loop: bool = False,
         fps: float | None = None,
         latency_ns: int = 0,
+        reader: Reader = Reader.AUTO,
+        clock: DeviceClock | None = None,
         clock_ns: Callable[[], int] = time.monotonic_ns,
     ) -> None:
         super().__init__(f"camera {spec}", clock_ns)
         self._spec = spec = _numbered(spec)
-        self._is_device = spec.isdigit() or _is_character_device(spec)
-        self._is_file = not self._is_device and "://" not in spec
+        self._kind = _kind(spec)
+        self._reader = reader
         if fps is not None and "://" in spec:
             raise InputError(f"camera {spec}: a stream's rate is set where it is sent; leave --camera-fps out")
         self._wanted_fps = fps
         self._loop = loop
         self._latency_ns = latency_ns
+        self._sender = SenderStamps(clock)
         self._sequence = 0
         self._grabbed_ns, self._stamp = clock_ns(), StampSource.ARRIVAL
+        self._reopened = 0  # since the last picture
         self._capture, first = self._open_checked()
         self._first: NDArray[np.uint8] | None = first
         self.height, self.width = first.shape[:2]
         self.fps = self._own_fps()
-        if fps is not None and self._is_file:
+        if fps is not None and self._kind is Kind.FILE:
             self.fps = fps
 
     def _own_fps(self) -> float:
         """What the source says, else what the first stamps of a file say, else 30."""
-        said = float(self._capture.get(cv2.CAP_PROP_FPS))
-        if 1.0 <= said <= 240.0 or not self._is_file:
+        said = self._capture.fps
+        if 1.0 <= said <= 240.0 or self._kind is not Kind.FILE:
             return said if 1.0 <= said <= 240.0 else 30.0
         stamps: list[float] = []
         capture = self._open()
         while len(stamps) < _RATE_SAMPLE and capture.grab():
-            stamps.append(float(capture.get(cv2.CAP_PROP_POS_MSEC)))
+            stamps.append(capture.stamp_ms)
         capture.release()
         span_ms = stamps[-1] - stamps[0] if stamps else 0.0
         return min(240.0, max(1.0, (len(stamps) - 1) * 1000.0 / span_ms)) if span_ms > 0 else 30.0
 
-    def _open(self, open_timeout_ms: int = _OPEN_TIMEOUT_MS) -> cv2.VideoCapture:
-        if self._is_device:
-            capture = cv2.VideoCapture(int(self._spec) if self._spec.isdigit() else self._spec, cv2.CAP_ANY)
-            if self._wanted_fps is not None:
-                capture.set(cv2.CAP_PROP_FPS, self._wanted_fps)
-            return capture
-        # FFmpeg's own threads would be ordinary ones: on a busy machine they starve behind the real-time threads that
-        # wait for the picture, and the camera lags.
-        options = [cv2.CAP_PROP_N_THREADS, 1]
-        if not self._is_file:
-            options += [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, open_timeout_ms]
-            options += [cv2.CAP_PROP_READ_TIMEOUT_MSEC, _READ_TIMEOUT_MS]
-        return cv2.VideoCapture(self._spec, cv2.CAP_FFMPEG, options)
+    def _open(self, open_ms: int = _OPEN_TIMEOUT_MS) -> Capture:
+        wants_pyav = self._reader is Reader.PYAV
+        if self._reader is Reader.AUTO and self._kind is Kind.STREAM:
+            wants_pyav = importlib.util.find_spec("av") is not None
+        if wants_pyav:
+            from hilbridge.sensors.pictures.pyav import PyAvCapture
 
-    def _open_checked(self) -> tuple[cv2.VideoCapture, NDArray[np.uint8]]:
-        if self._is_file and not Path(self._spec).is_file():
+            opened: Capture = PyAvCapture(
+                self._spec, self._kind, fps=self._wanted_fps, open_ms=open_ms, read_ms=_READ_TIMEOUT_MS
+            )
+            if opened.is_open or self._reader is Reader.PYAV:
+                return opened
+        return OpenCvCapture(self._spec, self._kind, fps=self._wanted_fps, open_ms=open_ms, read_ms=_READ_TIMEOUT_MS)
+
+    def _open_checked(self) -> tuple[Capture, NDArray[np.uint8]]:
+        is_file = self._kind is Kind.FILE
+        if is_file and not Path(self._spec).is_file():
             raise InputError(
                 f"camera {self._spec}: no such file; give a device (0 or /dev/video0), a video file or an rtsp:// URL"
             )
         capture = self._open()
-        if not capture.isOpened():
+        if not capture.is_open:
             capture.release()
             cure = {
                 True: "the file is no video that can be decoded; check it with `ffprobe`, or record it again",
                 False: "is it connected and free? `v4l2-ctl --list-devices` lists cameras; a URL needs its host",
-            }[self._is_file]
+            }[is_file]
             raise InputError(f"camera {self._spec}: cannot be opened; {cure}")
-        ok, picture = capture.read()
-        if not ok or not _is_colour(picture):
+        picture = capture.retrieve() if capture.grab() else None
+        if picture is None:
             capture.release()
             raise InputError(f"camera {self._spec}: opened but gave no picture; the file or stream holds no video")
-        return capture, np.asarray(picture, dtype=np.uint8)
+        return capture, picture
 
     def _read_all(self) -> None:
         try:
-            if self._is_file:
+            if self._kind is Kind.FILE:
                 self._play()
             else:
                 self._capture_live()
@@ -142,7 +146,7 @@ class CameraSource(Source[CameraFrame]):
         while True:
             started_ns, played, first_ms, last_ns = self._clock_ns(), 0, 0.0, -1
             while self._first is not None or self._capture.grab():
-                stamp_ms = float(self._capture.get(cv2.CAP_PROP_POS_MSEC))
+                stamp_ms = self._capture.stamp_ms
                 first_ms = stamp_ms if not played else first_ms
                 given_ns = stamps_ns[played] if stamps_ns and played < len(stamps_ns) else None
                 last_ns = self._offset_ns(played, stamp_ms - first_ms, given_ns, last_ns)
@@ -165,9 +169,9 @@ class CameraSource(Source[CameraFrame]):
     def _show(self, due_ns: int) -> None:
         """Hand on the picture that was grabbed, or count it as failed."""
         first, self._first = self._first, None
-        ok, picture = (True, first) if first is not None else self._capture.retrieve()
-        if ok and _is_colour(picture):
-            self._deliver_picture(np.asarray(picture, np.uint8), due_ns)
+        picture = first if first is not None else self._capture.retrieve()
+        if picture is not None:
+            self._deliver_picture(picture, due_ns)
         else:
             self.cell.fail()
 
@@ -176,54 +180,51 @@ class CameraSource(Source[CameraFrame]):
         while not self._stopping.is_set():
             picture = self._next_picture()
             if picture is not None:
-                failures = 0
+                failures = self._reopened = 0
                 self._deliver_picture(picture, self._grabbed_ns)
                 continue
             failures += 1
             self.cell.fail()
             # A stream's read has waited its time-out; a device may miss a picture now and then.
-            if failures >= (_READS_BEFORE_GONE if self._is_device else 1) and not self._reopen():
+            if failures >= (_READS_BEFORE_GONE if self._kind is Kind.DEVICE else 1) and not self._reopen():
                 return
 
-    def _deliver_picture(self, picture: NDArray[np.uint8], captured_ns: int) -> None:
+    def _deliver_picture(self, rgb: NDArray[np.uint8], captured_ns: int) -> None:
         self._sequence += 1
-        rgb = np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2RGB), np.uint8)
         self._deliver(CameraFrame(captured_ns, rgb, self._sequence, self._stamp), captured_ns)
 
     def _next_picture(self) -> NDArray[np.uint8] | None:
-        """The next picture as BGR, or None where there is none to be had."""
+        """The next picture, or None where there is none to be had."""
         if self._first is not None:
             first, self._first = self._first, None
             return first
         if not self._capture.grab():
             return None
-        said_ms = float(self._capture.get(cv2.CAP_PROP_POS_MSEC)) if self._is_device else 0.0
-        self._grabbed_ns, self._stamp = taken_at(said_ms, self._clock_ns(), self._latency_ns, self._grabbed_ns)
-        ok, picture = self._capture.retrieve()
-        return np.asarray(picture, np.uint8) if ok and _is_colour(picture) else None
+        now_ns, last_ns = self._clock_ns(), self._grabbed_ns
+        if self._kind is Kind.DEVICE:
+            stamped = taken_at(self._capture.stamp_ms, now_ns, self._latency_ns, last_ns)
+        else:
+            stamped = self._sender.taken_at(self._capture.sender_ns, now_ns, self._latency_ns, last_ns)
+        self._grabbed_ns, self._stamp = stamped
+        return self._capture.retrieve()
 
     def _reopen(self) -> bool:
         """Try to get the device back until it works (True) or the source is to stop (False)."""
         self.state, self.detail = SourceState.GONE, "no pictures; trying to reopen"
-        while not self._stopping.wait(_RETRY_S):
+        while not self._stopping.wait(_RETRIES_S[min(self._reopened, len(_RETRIES_S) - 1)]):
+            self._reopened += 1
             self._capture.release()
             self._capture = self._open(_REOPEN_TIMEOUT_MS)
-            if self._capture.isOpened():
+            if self._capture.is_open:
+                self._sender.forget()
                 return True
         return False
 
 
-def taken_at(said_ms: float, now_ns: int, latency_ns: int, last_ns: int) -> tuple[int, StampSource]:
-    """When a picture was taken that has just come, and how that is known.
-
-    V4L2 drivers stamp by the monotonic clock, or by one of their own: a stamp that lies ahead, more than a second back, or
-    not after the last one is none. Stamps never go back.
-    """
-    if math.isfinite(said_ms):
-        said_ns = round(said_ms * 1e6)
-        if max(last_ns + 1, now_ns - _FAR_OFF_NS) <= said_ns <= now_ns:
-            return said_ns, StampSource.HARDWARE
-    return max(now_ns - latency_ns, min(last_ns + 1, now_ns)), StampSource.ARRIVAL
+def _kind(spec: str) -> Kind:
+    if spec.isdigit() or _is_character_device(spec):
+        return Kind.DEVICE
+    return Kind.STREAM if "://" in spec else Kind.FILE
 
 
 def _is_character_device(spec: str) -> bool:
@@ -242,7 +243,3 @@ def _neon_stamps_ns(video: Path) -> list[int] | None:
     data = path.read_bytes()
     stamps = np.frombuffer(data[: len(data) // 8 * 8], "<i8")
     return [int(stamp) for stamp in stamps - stamps[0]] if len(stamps) else None
-
-
-def _is_colour(picture: object) -> bool:
-    return isinstance(picture, np.ndarray) and picture.ndim == 3 and picture.shape[2] == 3 and picture.size > 0

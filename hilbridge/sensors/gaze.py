@@ -17,7 +17,7 @@ from hilbridge.records import GazeSample, StampSource
 from hilbridge.sensors import pupil_labs
 from hilbridge.sensors.begaze import read_begaze
 from hilbridge.sensors.gaze_csv import read_csv
-from hilbridge.sensors.recorded.iassistadl import Stream, is_iassistadl, read_iassistadl
+from hilbridge.sensors.recorded.iassistadl import is_iassistadl, read_iassistadl
 from hilbridge.sensors.source import Source
 
 _CORE_FILE = "gaze_positions.csv"  # of Pupil Player's export
@@ -76,14 +76,7 @@ def iassistadl_recording(folder: Path) -> GazeRecording:
         folder, found.gaze.time_ns, (x, y, np.ones(len(x), bool)), found.bad_rows, "iassistadl", origin_ns=None
     )
     streams = (found.gaze, *found.inertial, *found.wrists)
-    return replace(said, notes=tuple(_of_stream(stream) for stream in streams))
-
-
-def _of_stream(stream: Stream) -> str:
-    text = f"{stream.name} {stream.rate_hz:.3g} Hz, {stream.lost} lost"
-    if stream.delay_ms is not None:
-        text += f", delay {stream.delay_ms[0]:.0f} ms (p99 {stream.delay_ms[1]:.0f})"
-    return f"{text}, clock shifted by {stream.shift_ns / MS:+.0f} ms" if stream.shift_ns else text
+    return replace(said, notes=tuple(map(str, streams)))
 
 
 def begaze_recording(path: Path) -> GazeRecording:

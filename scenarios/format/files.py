@@ -75,7 +75,7 @@ def _refuse_doubled(path: Path, node: yaml.MappingNode) -> None:
 
 def _beside(path: Path, session: dict[str, Any]) -> dict[str, Any]:
     """A recorded session with its files' whole paths."""
-    files = ("features", "recording", "video", "gaze")
+    files = ("features", "recording", "folder", "video", "gaze")
     return {
         key: str((path.parent / value).resolve()) if key in files and isinstance(value, str) else value
         for key, value in session.items()

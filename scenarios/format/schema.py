@@ -78,7 +78,7 @@ class Estimate(_Part):
 
 
 class Session(_Part):
-    """A recorded session as the source of intent: a feature pack, an earlier run, or video and gaze.
+    """A recorded session as the source of intent: a feature pack, an earlier run, video and gaze, or an iAssistADL folder.
 
     Files are looked for beside the scenario's own file.
     """
@@ -88,7 +88,11 @@ class Session(_Part):
     replay: Literal["beliefs", "features", "sensors"] = Field(
         "beliefs", description="what of the recording: its beliefs, its features, or its pictures, gaze and hands"
     )
-    video: str | None = Field(None, description="what the head camera saw; goes with `gaze`")
+    folder: str | None = Field(None, description="recording folder of the iAssistADL group: gaze, wrists, acceleration")
+    projection: tuple[float, ...] | None = Field(
+        None, description="twelve numbers that carry the folder's skeleton into the picture; left out: no hands"
+    )
+    video: str | None = Field(None, description="what the head camera saw; goes with `gaze`, and may go with `folder`")
     gaze: str | None = Field(None, description="Neon folder, BeGaze .txt or .csv; goes with `video`")
     hands: bool = Field(False, description="find hands in the video (extra `hands`)")
     from_: Annotated[Duration, Field(alias="from", description="where in the session the scenario begins")] = 0
@@ -97,17 +101,18 @@ class Session(_Part):
 
     @model_validator(mode="after")
     def _one_source(self) -> Session:
-        given = [name for name in ("features", "recording", "video") if getattr(self, name) is not None]
-        if len(given) != 1:
-            raise ValueError(
-                f"a session has one of features, recording, video; this has {' and '.join(given) or 'none'}"
-            )
-        if (self.video is None) != (self.gaze is None):
-            raise ValueError("`video` and `gaze` go together")
+        given = [name for name in ("features", "recording", "gaze", "folder") if getattr(self, name) is not None]
+        if len(given) > 1 or not (given or self.video):
+            named = " and ".join(given) or "none"
+            raise ValueError(f"a session has one of features, recording, video with gaze, folder; this has {named}")
+        if (self.video is None) != (self.gaze is None) and (self.folder is None or self.gaze is not None):
+            raise ValueError("`video` and `gaze` go together, or `video` with a `folder`")
+        if self.projection is not None and self.folder is None:
+            raise ValueError("`projection` is of the skeleton in a `folder`")
         if self.replay != "beliefs" and self.recording is None:
             raise ValueError("`replay` says what of a `recording`")
-        if self.hands and self.video is None:
-            raise ValueError("`hands` are looked for in a `video`")
+        if self.hands and self.gaze is None:
+            raise ValueError("`hands` are looked for in a `video` that goes with `gaze`")
         return self
 
     @property
@@ -125,6 +130,8 @@ class Session(_Part):
             sensors = tuple(f"{sensor}.{kind}" for sensor in SENSORS for kind in kinds)
             wearer = ("tremor", "ataxia", "blink", "look_away", "hands_out_of_view")
             return (*sensors, *(f"wearer.{kind}" for kind in wearer))
+        if self.folder is not None and self.video is None:
+            return ("wearer.tremor", "camera.stuck", "camera.garbage", "camera.wrong", "camera.drift")
         return ("wearer.tremor",)
 
 
@@ -263,7 +270,7 @@ class Scenario(_Part):
             return self
         for number, step in enumerate(self.steps):
             if step.fault in self.intent.unchangeable:
-                source = "features" if "gaze.garbage" in self.intent.unchangeable else "a video"
+                source = "features" if "gaze.garbage" in self.intent.unchangeable else "a session"
                 why = f"`{step.fault}` changes what is seen, which {source} recorded already cannot show"
                 raise PydanticCustomError("part", "{why}", {"why": why, "place": ("steps", number, "fault")})
         return self

@@ -42,6 +42,9 @@ def impossible_live(scenario: Scenario, spec: BusSpec, *, external: bool = False
     if isinstance(scenario.intent, Session) and scenario.intent.features is not None:
         why = "recorded features pass by the sensors that run live; give `video` and `gaze`, or leave --live out"
         return Impossible(("intent", "features"), why)
+    if isinstance(scenario.intent, Session) and scenario.intent.folder is not None:
+        why = "a folder's sensors are played in virtual time; leave --live out"
+        return Impossible(("intent", "folder"), why)
     if scenario.device.clock_ppm != DevicePart().clock_ppm:
         return Impossible(("device", "clock_ppm"), "a live device runs on this computer's clock; leave --live out")
     return None

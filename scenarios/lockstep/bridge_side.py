@@ -91,7 +91,7 @@ class BridgeSide:
                 active.took_effect()
 
     def _run_tick(self, now_ns: int) -> None:
-        tick = self.node.tick(self.sight.take_vector(), self.sight.seen(), now_ns)
+        tick = self.node.tick(self.sight.take_vector(), self.sight.seen(), now_ns, self.sight.shaking)
         self._send(tick.frames)
         self._note(tick, now_ns)
 

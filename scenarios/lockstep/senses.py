@@ -6,15 +6,18 @@ from collections.abc import Callable
 
 from hilbridge.config import SensorsConfig
 from hilbridge.features.assembler import FeatureAssembler
-from hilbridge.records import CameraFrame, FeatureVector, GazeSample, HandTracks
-from hilbridge.rows import Look, Row, features_row, gaze_row, hands_row
-from hilbridge.runtime.health import FreezeProbe, SensorSeen, camera_seen, gaze_seen
+from hilbridge.intent.acceleration import AccelerationGuard
+from hilbridge.records import BodySample, CameraFrame, FeatureVector, GazeSample, HandTracks
+from hilbridge.rows import InertialRow, Look, Row, body_row, features_row, gaze_row, hands_row
+from hilbridge.runtime.health import FreezeProbe, SensorSeen, camera_seen, gaze_seen, inertial_seen
 from scenarios.format.schema import Scenario
 from scenarios.lockstep.clock import WorldClock
 from scenarios.world.fault_board import FaultBoard
+from scenarios.world.recorded import Worn
 from scenarios.world.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, Body, detected, edges
 
 VISION_NS = 12_000_000  # from a picture's capture to its features, as measured in live runs
+_FEEL_NS = 10_000_000  # inertial samples of so long are handed over together
 _LIMITS = SensorsConfig()
 
 
@@ -28,6 +31,7 @@ class Sight:
         self._camera_ns: int | None = None
         self._gaze_ns: int | None = None
         self._freeze = FreezeProbe()
+        self._felt: AccelerationGuard | None = None
 
     def take_frame(self, frame: CameraFrame, hands: HandTracks | None, now_ns: int) -> None:
         """The vision worker's step: a picture and the newest gaze become features."""
@@ -46,6 +50,18 @@ class Sight:
         if self._record is not None:
             self._record(gaze_row(sample, now_ns))
 
+    def take_body(self, sample: BodySample, now_ns: int) -> None:
+        """What an inertial sensor felt."""
+        self._felt = self._felt or AccelerationGuard()
+        self._felt.update(sample)
+        if self._record is not None:
+            self._record(body_row(InertialRow, sample, now_ns))
+
+    @property
+    def shaking(self) -> bool | None:
+        """Whether the hands feel a tremor; None where nobody feels them."""
+        return None if self._felt is None else self._felt.trembling
+
     def take_vector(self) -> FeatureVector | None:
         """The newest features, if they were not taken yet."""
         vector, self._vector = self._vector, None
@@ -56,6 +72,7 @@ class Sight:
         return (
             camera_seen(_LIMITS, True, self._camera_ns, self._freeze.changed_ns),
             gaze_seen(_LIMITS, True, self._gaze_ns),
+            *(() if self._felt is None else (inertial_seen(_LIMITS, True, self._felt.heard_ns),)),
         )
 
 
@@ -73,6 +90,8 @@ class VirtualSenses:
         """Plan the first of everything."""
         self._clock.at(0, self._look)
         self._clock.at(0, self._glance)
+        if isinstance(self._body.calm, Worn) and self._body.calm.felt:
+            self._clock.at(0, self._feel)
 
     def _look(self) -> None:
         now_ns, sight = self._clock.time_ns, self.sight
@@ -93,6 +112,13 @@ class VirtualSenses:
         if (delivered := self._gaze.deliver(now_ns)) is not None:
             arrives_ns, sample = delivered
             self._clock.at(arrives_ns, lambda: self._note_gaze(sample, sight))
+
+    def _feel(self) -> None:
+        now_ns, sight, worn = self._clock.time_ns, self.sight, self._body.calm
+        self._clock.at(now_ns + _FEEL_NS, self._feel)
+        if sight is not None and self._is_running() and isinstance(worn, Worn):
+            for sample in worn.felt_between(now_ns - _FEEL_NS, now_ns):
+                sight.take_body(sample, now_ns)
 
     def _note_gaze(self, sample: GazeSample, sight: Sight | None) -> None:
         if sight is not None and sight is self.sight and self._is_running():

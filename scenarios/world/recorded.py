@@ -1,10 +1,11 @@
-"""A recorded session in the wearer's place: features of a pack, or video and gaze.
+"""A recorded session in the wearer's place: features of a pack, video and gaze, or a folder of the iAssistADL group.
 
 All are functions of the scenario's time, so that lockstep runs repeat to the byte. Recordings: `world.replayed`.
 """
 
 from __future__ import annotations
 
+from bisect import bisect_right
 from dataclasses import replace
 from pathlib import Path
 from typing import Protocol
@@ -18,7 +19,10 @@ from hilbridge.errors import InputError
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import STEP_NS, drop_modality
 from hilbridge.features.packs import read_pack
+from hilbridge.features.wrists import WristHands, projection_of
+from hilbridge.limits import SENSING_LIMIT_NS
 from hilbridge.records import (
+    BodySample,
     CameraFrame,
     FeatureVector,
     GazeSample,
@@ -28,13 +32,14 @@ from hilbridge.records import (
     StampSource,
 )
 from hilbridge.runtime.account.judge import Mind
-from hilbridge.sensors.gaze import open_gaze
+from hilbridge.sensors.gaze import iassistadl_recording, open_gaze
 from hilbridge.sensors.hands import HandDetector
 from hilbridge.sensors.models import hand_model_path, load_hand_model
+from hilbridge.sensors.recorded.body import FILES, BodyRecording
 from scenarios.format.schema import Session
 
 _GREY = np.full((72, 96, 3), 128, np.uint8)
-_BLANK, _ONLY_GREY = np.zeros((72, 96), np.uint8), np.full((1, 3), 128, np.uint8)  # the same, drawn
+BLANK, ONLY_GREY = np.zeros((72, 96), np.uint8), np.full((1, 3), 128, np.uint8)  # the same, drawn
 
 
 class Person(Protocol):
@@ -59,7 +64,7 @@ class Unseen(Unlabelled):
     """The person of a session whose features are recorded: every sensor delivers samples without content."""
 
     def frame(self, t_ns: int) -> CameraFrame:
-        return CameraFrame(t_ns, _BLANK, t_ns // STEP_NS, StampSource.HARDWARE, _ONLY_GREY)
+        return CameraFrame(t_ns, BLANK, t_ns // STEP_NS, StampSource.HARDWARE, ONLY_GREY)
 
     def gaze(self, t_ns: int) -> GazeSample:
         return GazeSample(t_ns, 0.5, 0.5, True, StampSource.HARDWARE)
@@ -104,6 +109,79 @@ class Filmed(Unlabelled):
         if self._detector is not None:
             self._detector.close()
             self._detector = None
+
+
+class Worn(Unlabelled):
+    """What the iAssistADL group's sensors gave: gaze, wrists as hands, the hands' acceleration.
+
+    The folder has no picture of the eye tracker's own camera, so nothing is seen of the scene unless a video is named; and
+    where wrists lie in the picture has to be said.
+    """
+
+    def __init__(self, session: Session, duration_ns: int) -> None:
+        """Raises InputError for a folder that cannot be read, or ends before the scenario."""
+        assert session.folder is not None
+        folder = Path(session.folder)
+        self._from_ns = session.from_
+        self._gaze = iassistadl_recording(folder)
+        long_enough(f"folder {folder}: gaze", int(self._gaze.time_ns[-1]), session.from_, duration_ns)
+        self._times = self._gaze.time_ns.tolist()
+        self._video = None if session.video is None else Video(Path(session.video))
+        if self._video is not None:
+            long_enough(f"video {session.video}", self._video.duration_ns, session.from_, duration_ns)
+        self._wrists: list[BodySample] = []
+        if session.projection is not None:
+            self._projection = projection_of(session.projection)
+            self._wrists = list(BodyRecording("skeleton", folder).samples())
+        has_inertial = (folder / FILES["inertial"]).is_file()
+        self.felt = list(BodyRecording("inertial", folder).samples()) if has_inertial else []
+        self._felt_times = [sample.captured_ns for sample in self.felt]
+        self._wrist_times = [sample.captured_ns for sample in self._wrists]
+
+    def frame(self, t_ns: int) -> CameraFrame:
+        """The video's picture, or one without content, of which features know nothing (`SceneLess`)."""
+        if self._video is None:
+            return CameraFrame(t_ns, BLANK, t_ns // STEP_NS, StampSource.HARDWARE, ONLY_GREY)
+        index, rgb = self._video.at(self._from_ns + t_ns)
+        return CameraFrame(t_ns, rgb, index, StampSource.HARDWARE)
+
+    def gaze(self, t_ns: int) -> GazeSample:
+        """The newest sample; one that is too old is none."""
+        row = bisect_right(self._times, self._from_ns + t_ns) - 1
+        if row < 0:
+            return GazeSample(t_ns, 0.0, 0.0, False, StampSource.HARDWARE)
+        recording = self._gaze
+        fresh = self._from_ns + t_ns - self._times[row] <= SENSING_LIMIT_NS
+        x, y, valid = float(recording.x[row]), float(recording.y[row]), bool(recording.valid[row])
+        return GazeSample(t_ns, x, y, valid and fresh, StampSource.HARDWARE)
+
+    def hands(self, t_ns: int) -> HandTracks:
+        """The wrists of that moment, as far as they are in the picture."""
+        if not self._wrists:
+            return HandTracks(t_ns, ())
+        now_ns = self._from_ns + t_ns
+        placed = WristHands(self._projection)
+        until = bisect_right(self._wrist_times, now_ns)
+        for sample in self._wrists[bisect_right(self._wrist_times, now_ns - SENSING_LIMIT_NS) : until]:
+            placed.put(sample)
+        found = placed.hands_at(now_ns)
+        return HandTracks(t_ns, found.hands if found is not None else ())
+
+    def felt_between(self, after_ns: int, until_ns: int) -> list[BodySample]:
+        """What the inertial sensors felt, by the scenario's time."""
+        begin = bisect_right(self._felt_times, self._from_ns + after_ns)
+        end = bisect_right(self._felt_times, self._from_ns + until_ns)
+        moved = self.felt[begin:end]
+        return [replace(sample, captured_ns=sample.captured_ns - self._from_ns) for sample in moved]
+
+
+class SceneLess(FeatureAssembler):
+    """The feature chain of somebody whose scene nobody filmed: the modality is missing."""
+
+    def update(
+        self, frame: CameraFrame | None, gaze: GazeSample | None, hands: HandTracks | None, now_ns: int
+    ) -> FeatureVector:
+        return super().update(None, gaze, hands, now_ns)
 
 
 class Video:

@@ -36,7 +36,7 @@ from hilbridge.rows import (
     hand_tracks,
 )
 from scenarios.format.schema import Scenario, Session
-from scenarios.world.recorded import Filmed, PackAssembler, Person, Unlabelled, Unseen, long_enough
+from scenarios.world.recorded import Filmed, PackAssembler, Person, SceneLess, Unlabelled, Unseen, Worn, long_enough
 
 
 def _rows(session: Session, *kinds: type[FixedRow]) -> tuple[list[Row], int]:
@@ -178,6 +178,8 @@ def recorded_person(scenario: Scenario) -> Person | None:
     session = scenario.intent
     if not isinstance(session, Session):
         return None
+    if session.folder is not None:
+        return Worn(session, scenario.duration)
     if session.video is not None:
         return Filmed(session, scenario.duration)
     if session.recording is not None and session.replay == "beliefs":
@@ -188,6 +190,8 @@ def recorded_person(scenario: Scenario) -> Person | None:
 def make_assembler(scenario: Scenario) -> FeatureAssembler:
     """The feature chain, or recorded features in its place. Raises InputError."""
     session = scenario.intent
+    if isinstance(session, Session) and session.folder is not None and session.video is None:
+        return SceneLess()
     if isinstance(session, Session) and session.features is not None:
         return PackAssembler(session, scenario.duration)
     if isinstance(session, Session) and session.recording is not None and session.replay == "features":

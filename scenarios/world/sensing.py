@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hilbridge.records import CameraFrame, GazeSample, Hand, HandTracks
-from hilbridge.wearer.person import Tremor, Wearer
+from hilbridge.wearer.person import Wearer
+from hilbridge.wearer.shaking import Tremor
 from hilbridge.wearer.timeline import BENCHMARK, DEMO
 from scenarios.format.schema import Scenario, Session
 from scenarios.world.fault_board import Active, FaultBoard
@@ -52,7 +53,10 @@ class Body:
         self._shaking: dict[Active, Person] = {}
         # A recorded camera has no hands where none are looked for.
         self.has_hands = (
-            not isinstance(scenario.intent, Session) or scenario.intent.video is None or scenario.intent.hands
+            not isinstance(scenario.intent, Session)
+            or scenario.intent.hands
+            or (scenario.intent.video is None and scenario.intent.folder is None)
+            or scenario.intent.projection is not None
         )
         self._flicker = np.random.default_rng(scenario.seed).integers(0, 8, WIDTH_PX * HEIGHT_PX + 251, np.uint8)
 

@@ -56,7 +56,7 @@ def test_what_is_wrong_is_said_with_its_cure(changes: dict[str, object], subject
 
 
 def test_nothing_asked_for_is_nothing_judged() -> None:
-    findings = judge(sound(), with_gaze=False, with_hands=False)
+    findings = judge(replace(sound(), clocks=()), with_gaze=False, with_hands=False)
     assert [(finding.subject, finding.verdict) for finding in findings] == [
         ("camera", Verdict.WELL),
         ("gaze", Verdict.NOTE),
@@ -81,3 +81,27 @@ def test_the_command_looks_and_draws(
     picture = cv2.imread(told["png"])
     assert picture is not None
     assert picture[48, 32, 2] > picture[48, 32, 0] + 50  # the red dot
+
+
+def test_the_command_looks_through_a_folder_of_the_iassistadl_group(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("h5py")
+    from tests.sensors.recorded.test_iassistadl import make
+
+    video, folder, config = tmp_path / "a.mp4", str(make(tmp_path / "one", lose=5)), tmp_path / "a.toml"
+    writer = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*"mp4v"), 25, (128, 96))
+    for index in range(100):
+        writer.write(np.full((96, 128, 3), 2 * index, np.uint8))
+    writer.release()
+    config.write_text("[sensors]\nskeleton_projection = [1.0, 0.0, 0.5, 0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 1.0, 0.0]\n")
+    arguments = ["--camera", str(video), "--gaze", folder, "--inertial", folder, "--skeleton", folder, "--no-hands"]
+    arguments += ["--config", str(config), "--seconds", "2", "--png", str(tmp_path / "a.png"), "--json"]
+    monkeypatch.setattr(sys, "argv", ["hilbridge", "check", *arguments])
+    with pytest.raises(SystemExit):
+        cli.main()
+    told = {one["subject"]: one["text"] for one in json.loads(capsys.readouterr().out)["findings"]}
+    assert set(told) == {"camera", "gaze", "inertial", "skeleton"}
+    assert "HAND_R" in told["inertial"]
+    assert "tremor" in told["inertial"]
+    assert "RIGHT_WRIST" in told["skeleton"]

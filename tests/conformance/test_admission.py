@@ -8,9 +8,9 @@ from hilbridge.bus.diagnosis import Observation, diagnose, known_messages
 from hilbridge.bus.model.error_frames import CLASS_PROTOCOL
 from hilbridge.conformance.admission import admit_bus, admit_company
 from hilbridge.errors import InputError
+from hilbridge.intent.provenance import Origin
 from hilbridge.limits import MS
 from hilbridge.records import Frame
-from hilbridge.runtime.assemble import RECORDED_PEOPLE
 from hilbridge.wire.codec import Codec
 from hilbridge.wire.link import WireLink
 from tests.conformance.lockstep import LockstepLine
@@ -34,18 +34,20 @@ def company(frames: list[Frame], *, physical: bool = False) -> None:
 
 
 def test_a_virtual_bus_asks_for_nothing() -> None:
-    admit_bus("vcan0", physical=False, on_a_bench=False, provenance={"origin": RECORDED_PEOPLE})
+    admit_bus("vcan0", physical=False, on_a_bench=False, origin=Origin.RECORDED)
 
 
 def test_a_physical_bus_asks_for_a_bench() -> None:
     with pytest.raises(InputError, match="--i-am-on-a-bench"):
-        admit_bus("can0", physical=True, on_a_bench=False, provenance={})
-    admit_bus("can0", physical=True, on_a_bench=True, provenance={"origin": "simulated"})
+        admit_bus("can0", physical=True, on_a_bench=False, origin=Origin.SIMULATED)
+    admit_bus("can0", physical=True, on_a_bench=True, origin=Origin.SIMULATED)
 
 
 def test_no_bench_with_a_bundle_of_people() -> None:
     with pytest.raises(InputError, match="recorded people"):
-        admit_bus("can0", physical=True, on_a_bench=True, provenance={"origin": RECORDED_PEOPLE})
+        admit_bus("can0", physical=True, on_a_bench=True, origin=Origin.RECORDED)
+    with pytest.raises(InputError, match="unknown origin"):
+        admit_bus("can0", physical=True, on_a_bench=True, origin=None)
 
 
 def test_one_device_alone_is_tested() -> None:

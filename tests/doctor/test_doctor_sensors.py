@@ -9,7 +9,15 @@ import numpy as np
 import pytest
 
 import hilbridge.sensors.camera  # noqa: F401  OpenCV asks once, at its first video, how loud FFmpeg may be
-from hilbridge.doctor_sensors import Verdict, check_camera, check_gaze, judge_camera, judge_tracker
+from hilbridge.doctor_sensors import (
+    Verdict,
+    check_body,
+    check_camera,
+    check_gaze,
+    judge_body,
+    judge_camera,
+    judge_tracker,
+)
 from hilbridge.limits import MS
 from hilbridge.records import GazeSample
 from hilbridge.sensors.clock import Probe
@@ -106,3 +114,25 @@ def test_doctor_listens_to_what_comes_over_udp() -> None:
     assert silent.verdict is Verdict.ILL
     assert "nothing comes" in silent.text
     assert check_gaze("udp:x").verdict is Verdict.ILL
+
+
+def test_sensors_on_the_body_are_judged_by_their_names_and_rates(tmp_path: Path) -> None:
+    assert check_body("inertial", None).verdict is Verdict.NOTE
+    assert judge_body("inertial", "lsl:x", {"HAND_R": 100.0, "FOREARM": 3.0}, "").verdict is Verdict.WELL
+    assert "`hand`" in judge_body("inertial", "lsl:x", {"FOREARM": 100.0}, "").cure
+    assert judge_body("inertial", "lsl:x", {"HAND_R": 20.0}, "").verdict is Verdict.ILL
+    assert judge_body("skeleton", "lsl:x", {"LEFT_WRIST": 25.0}, "").verdict is Verdict.WELL
+    assert judge_body("skeleton", "lsl:x", {}, "").verdict is Verdict.ILL
+    assert check_body("skeleton", str(tmp_path / "none")).verdict is Verdict.ILL
+
+
+def test_doctor_reads_the_body_of_a_folder(tmp_path: Path) -> None:
+    pytest.importorskip("h5py")
+    from tests.sensors.recorded.test_iassistadl import make
+
+    folder = str(make(tmp_path / "one", lose=7))
+    finding = check_body("inertial", folder)
+    assert finding.verdict is Verdict.WELL
+    assert "HAND_R 99.3 Hz" in finding.text
+    assert "lost: FOREARM_R 7, HAND_R 7" in finding.text
+    assert "RIGHT_WRIST" in check_body("skeleton", folder).text

@@ -2,6 +2,8 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from hilbridge.features import hands
 from hilbridge.features.hands import HandTracker
@@ -104,3 +106,38 @@ def test_one_hand_found_twice_takes_one_slot():
     states = tracker.update(HandTracks(0, (Hand(0.51, 0.5, 0.9), Hand(0.51, 0.5, 0.9))), 0)
     assert states is not None
     assert sum(hand is not None for hand in states) == 1
+
+
+@pytest.mark.parametrize("speed", [0.3, 0.5, 0.8, 1.5])
+@pytest.mark.parametrize("above", [0.0, 0.03, 0.1])
+@pytest.mark.parametrize("hidden", [False, True])
+def test_hands_that_cross_keep_their_slots(speed: float, above: float, hidden: bool):
+    """They pass each other in the middle, seen in any order; nearer than a palm one hides the other."""
+    rng = np.random.default_rng(3)
+    tracker = HandTracker()
+    states = None
+    steps = round(0.6 / speed / 0.04)
+    for step in range(steps + 6):
+        way = speed * 0.04 * min(step, steps)
+        points = [(0.2 + way, 0.5 + rng.normal(0, 0.003)), (0.8 - way, 0.5 + above + rng.normal(0, 0.003))]
+        if hidden and math.dist(*points) < 0.06:
+            points.pop()
+        rng.shuffle(points)
+        states = tracker.update(tracks(40 * step, *[(float(x), float(y)) for x, y in points]), 40 * step * MS)
+    assert states is not None
+    left, right = states
+    assert left is not None
+    assert right is not None
+    assert (left.x, right.x) == (pytest.approx(0.8, abs=0.03), pytest.approx(0.2, abs=0.03))
+
+
+NUMBERS = st.floats(-0.2, 1.2) | st.sampled_from((math.nan, math.inf, -math.inf, 1e300))
+
+
+@given(st.lists(st.lists(st.tuples(NUMBERS, NUMBERS, NUMBERS), max_size=4), max_size=20))
+def test_no_number_that_is_none_ever_enters_a_filter(pictures: list[list[tuple[float, float, float]]]):
+    tracker = HandTracker()
+    for step, found in enumerate(pictures):
+        hands_seen = HandTracks(40 * step * MS, tuple(Hand(*numbers) for numbers in found))
+        for state in tracker.update(hands_seen, 40 * step * MS) or ():
+            assert state is None or all(map(math.isfinite, (state.x, state.y, state.vx, state.vy)))

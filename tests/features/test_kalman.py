@@ -2,11 +2,14 @@
 
 import numpy as np
 import pytest
+from filterpy.common import Q_discrete_white_noise
 from filterpy.kalman import KalmanFilter
+from hypothesis import given
+from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 
 from hilbridge.features.hands import nearest
-from hilbridge.features.kalman import ConstantPositionFilter, ConstantVelocityFilter
+from hilbridge.features.kalman import ConstantPositionFilter, ConstantVelocityFilter, process_noise
 
 SEEDS = range(20)
 
@@ -77,3 +80,9 @@ def test_the_nearest_pairs_are_the_hungarian_methods(rows: int, columns: int):
 def test_of_two_equal_ways_the_first_is_taken():
     assert nearest([[0.5, 0.5], [0.5, 0.5]]) == ((0, 0), (1, 1))
     assert nearest([[0.5], [0.5]]) == ((0, 0),)
+
+
+@given(st.integers(1, 10**9), st.floats(1e-6, 1e4))
+def test_the_noise_is_filterpys_to_the_last_bit(elapsed_ns: int, variance: float):
+    (pp, pv), (_, vv) = Q_discrete_white_noise(2, elapsed_ns * 1e-9, variance).tolist()
+    assert process_noise(elapsed_ns, variance) == (pp, pv, vv)

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from hilbridge.errors import InputError
 from hilbridge.features.plane import homography_of
-from hilbridge.records import GazeSample
 
 SHIFT = st.floats(-0.15, 0.15)
 
@@ -24,14 +23,6 @@ def test_points_go_where_opencv_puts_them(shifts: list[float], x: float, y: floa
     matrix = cv2.getPerspectiveTransform(corners, there)
     expected = cv2.perspectiveTransform(np.array([[[x, y]]], np.float64), matrix)[0, 0]
     assert homography_of(matrix.ravel().tolist()).carry(x, y) == pytest.approx(tuple(expected), abs=1e-6)
-
-
-def test_what_leaves_the_picture_is_invalid() -> None:
-    plane = homography_of([2, 0, -0.5, 0, 2, -0.5, 0, 0, 1])
-    assert plane.sample(GazeSample(7, 0.5, 0.5, True)) == GazeSample(7, 0.5, 0.5, True)
-    assert plane.sample(GazeSample(7, 0.1, 0.5, True)) == GazeSample(7, 0.0, 0.0, False)
-    assert not plane.sample(GazeSample(7, 0.5, 0.5, False)).valid
-    assert not plane.sample(GazeSample(7, math.nan, 0.5, True)).valid
 
 
 @pytest.mark.parametrize(

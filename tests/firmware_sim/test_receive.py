@@ -109,7 +109,7 @@ def test_h9_what_is_no_frame_of_ours_is_counted_under_its_reason(frame: Received
         (frames.BRIDGE_HB, 24, 4, 8, Reject.RANGE),
         (frames.BRIDGE_HB, 28, 4, 5, Reject.ENUM),
         (frames.BRIDGE_HB, 56, 8, 0, Reject.RANGE),
-        (frames.BRIDGE_DIAG, 24, 8, 22, Reject.MUX),
+        (frames.BRIDGE_DIAG, 24, 8, 24, Reject.MUX),
         (frames.ARM_REQUEST, 56, 8, 3, Reject.ENUM),
     ],
 )

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.observe.keeping.pictures import PictureFormat, camera_frame, image_row, scene_frame, scene_row
 from hilbridge.records import Action, CameraFrame, FeatureVector, HandTracks, HoldReason
 from hilbridge.replay.source import AnewLooks, Eyes, Made, recorded_ticks
 from hilbridge.rows import (
     FeaturesRow,
+    HandsRow,
     ImageRow,
     Look,
     Row,
@@ -45,6 +48,12 @@ def session(steps: int = 60) -> tuple[list[Row], list[FeatureVector]]:
         if step % 5:  # some features no tick takes
             rows.append(tick(when_ns + 8_000_000, when_ns, first=step == 1))
     return [decode(row.topic, row.time_ns, encode(row)) for row in rows], vectors
+
+
+def as_by_a_detector(row: Row) -> Row:
+    if not isinstance(row, HandsRow):
+        return row
+    return replace(row, hands=tuple(replace(hand, landmarks=(0.5, 0.5, 0.0)) for hand in row.hands))
 
 
 def tick(now_ns: int, features_ns: int, *, first: bool) -> TickRow:
@@ -104,6 +113,7 @@ def test_where_features_are_lost_their_ticks_are_counted() -> None:
 
 def test_a_detector_looks_at_the_pictures() -> None:
     rows, _ = session(10)
+    found_by_it = [as_by_a_detector(row) for row in rows]
 
     class Sees:
         looked: list[int]
@@ -113,6 +123,11 @@ def test_a_detector_looks_at_the_pictures() -> None:
             return HandTracks(frame.captured_ns, ())
 
     detector = Sees()
-    found = anew(rows, Made(), Eyes(scene_frame, camera_frame, detector))
+    found = anew(found_by_it, Made(), Eyes(scene_frame, camera_frame, detector))
     assert detector.looked == [step * STEP for step in range(1, 10)]
     assert all(one is not None and not one.values[5:15].any() for one in found)
+    # Hands without landmarks were no detector's (a skeleton's wrists): they stay as they were.
+    detector.looked = []
+    found = anew(rows, Made(), Eyes(scene_frame, camera_frame, detector))
+    assert detector.looked == []
+    assert any(one is not None and one.values[5:15].any() for one in found)

@@ -24,7 +24,7 @@ from hilbridge.records import Action, FeatureVector, Frame, HoldReason, IntentEs
 from hilbridge.runtime.health import SensorSeen
 from hilbridge.runtime.node import BridgeNode, Tick
 from hilbridge.verbs import VERBS
-from hilbridge.wire.codec import Codec
+from hilbridge.wire.codec import Codec, Decoded
 from hilbridge.wire.keys import DEMO_KEY
 from hilbridge.wire.link import WireLink
 from hilbridge.wire.secoc import Authenticator
@@ -69,6 +69,7 @@ class World:
         self.now_ms = 0
         self.predict, self.guard = Sure(), Shaking()
         self.sees = self.hears = self.ticks = True
+        self.felt: bool | None = None
         self.events: list[str] = []
         self.last: Tick | None = None
         wire = WireLink(Codec())
@@ -104,7 +105,7 @@ class World:
             values = np.full(D, 0.5, np.float32)
             vector = FeatureVector(self._captured_ns, self._captured_ns, values, (True, True, True))
         camera = SensorSeen("camera", True, self._captured_ns, self._captured_ns, 120 * MS, 150 * MS)
-        self.last = self.node.tick(vector, (camera,), now_ns)
+        self.last = self.node.tick(vector, (camera,), now_ns, self.felt)
         self._to_device += self.last.frames
 
     def until(self, state: State, limit_ms: int = 3000) -> int:
@@ -177,6 +178,18 @@ def test_h6_tremor_is_a_veto_by_name(world: World) -> None:
     world.until(State.READY, 200)
     assert world.reason is HoldReason.TREMOR
     assert "tremor in the hands" in world.events
+
+
+def test_h6_a_tremor_that_is_only_felt_is_the_same_veto(world: World) -> None:
+    world.felt = True
+    world.until(State.READY, 200)
+    assert world.reason is HoldReason.TREMOR
+    assert world.last is not None
+    assert (world.last.row.tremor, world.last.row.felt_tremor) == (False, True)
+    assert "tremor in the hands" in world.events
+    world.felt = False
+    world.until(State.ASSIST, 2000)
+    assert "no tremor in the hands" in world.events
 
 
 def test_lost_confidence_goes_back_to_ready_not_to_follow(world: World) -> None:
@@ -300,3 +313,24 @@ def test_only_a_frame_that_this_bridge_alone_may_send_is_anothers() -> None:
     for name in ("ACT_CMD", "BRIDGE_HB", "ARM_REQUEST"):
         made.node.receive(other.encode(name, {}), 1)
     assert made.node.foreign == 3
+
+
+@pytest.mark.parametrize(("bound_ns", "said"), [(3_400_000, 3400), (None, 0xFFFFFFFF), (10**18, 0xFFFFFFFF)])
+def test_how_well_a_clock_is_known_is_said_on_the_bus(world: World, bound_ns: int | None, said: int) -> None:
+    seen: dict[str, int] = {}
+    device = WireLink(Codec(), node="CONTROLLER")
+
+    def listen(milliseconds: int) -> None:
+        for _ in world.run(milliseconds):
+            for frame in () if world.now_ms % 40 or world.last is None else world.last.frames:
+                decoded = device.decode(frame)
+                if isinstance(decoded, Decoded) and decoded.name == "BRIDGE_DIAG":
+                    index = str(decoded.signals["Index"])
+                    seen[index] = int(decoded.signals[index])
+
+    listen(1000)
+    assert "ClockBoundUs" not in seen  # nobody has a clock of his own
+    world.node.on_clock(bound_ns, 200_000)
+    listen(2000)
+    assert (seen["ClockBoundUs"], seen["ClockResidualUs"]) == (said, 200)
+    assert len(seen) == 24

@@ -8,6 +8,7 @@ import pytest
 
 from hilbridge.config import SensorsConfig
 from hilbridge.errors import InputError
+from hilbridge.features.lens import GazeMap
 from hilbridge.features.plane import homography_of
 from hilbridge.limits import MS
 from hilbridge.records import GazeSample
@@ -198,6 +199,6 @@ def test_gaze_of_another_camera_is_not_guessed_at(camera: str, gaze: str | None,
 
 def test_gaze_is_carried_before_it_is_handed_on() -> None:
     told = Told("gaze", [])
-    told.adjust = homography_of([0.5, 0, 0.25, 0, 0.5, 0.25, 0, 0, 1]).sample
+    told.adjust = GazeMap(plane=homography_of([0.5, 0, 0.25, 0, 0.5, 0.25, 0, 0, 1])).sample
     told._deliver(GazeSample(5, 0.0, 1.0, True), 5)
     assert told.cell.take() == GazeSample(5, 0.25, 0.75, True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import struct
+from collections.abc import Iterator
 from fractions import Fraction
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,25 @@ import pytest
 
 from hilbridge.errors import InputError
 from hilbridge.records import CameraFrame, StampSource
-from hilbridge.sensors.camera import CameraSource, taken_at
+from hilbridge.sensors.camera import CameraSource
+from hilbridge.sensors.pictures.capture import Reader
+from hilbridge.sensors.pictures.stamps import taken_at
 
 av = pytest.importorskip("av")
 WIDTH, HEIGHT = 128, 96
+READ_BY = [Reader.OPENCV]
+
+
+@pytest.fixture(autouse=True, params=[Reader.OPENCV, Reader.PYAV])
+def reader(request: pytest.FixtureRequest) -> Iterator[Reader]:
+    """Every test is of either."""
+    READ_BY[:] = [request.param]
+    yield request.param
+    READ_BY[:] = [Reader.OPENCV]
+
+
+def source_of(path: Path, **more: Any) -> CameraSource:
+    return CameraSource(str(path), reader=READ_BY[0], **more)
 
 
 def make(
@@ -59,7 +75,7 @@ class Clock:
 
 def played(path: Path, fps: float | None = None) -> list[CameraFrame]:
     clock = Clock()
-    source = CameraSource(str(path), fps=fps, clock_ns=clock)
+    source = source_of(path, fps=fps, clock_ns=clock)
     frames: list[CameraFrame] = []
     source.on_value = frames.append
 
@@ -124,7 +140,7 @@ def test_a_video_of_a_phone_held_upright_is_upright(tmp_path: Path, degrees: int
     frames = played(path)
     assert corner(frames[0]) == (where,)
     assert frames[0].pixels.shape[:2] == ((HEIGHT, WIDTH) if degrees == 180 else (WIDTH, HEIGHT))
-    source = CameraSource(str(path))
+    source = source_of(path)
     assert (source.height, source.width) == frames[0].pixels.shape[:2]
     source._capture.release()
 
@@ -180,7 +196,7 @@ def test_sound_alone_is_one_line(tmp_path: Path) -> None:
 
 def refused(path: Path, said: str) -> None:
     with pytest.raises(InputError, match=said) as refusal:
-        CameraSource(str(path))
+        source_of(path)
     assert str(path) in str(refusal.value)
     assert "; " in str(refusal.value)
     assert "\n" not in str(refusal.value)
@@ -188,12 +204,14 @@ def refused(path: Path, said: str) -> None:
 
 @pytest.mark.parametrize("said", [0.0, 1000.0, 90_000.0, float("nan"), -1.0])
 def test_a_rate_that_none_has_is_told_from_the_stamps(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, said: float
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reader: Reader, said: float
 ) -> None:
     """OpenCV hands on what a container or driver says: 0, 1000 and 90000 are time bases, not rates."""
     path = make(tmp_path / "one.mp4", [i * 40 for i in range(30)])
     import cv2
 
+    if reader is Reader.PYAV:
+        monkeypatch.setattr("hilbridge.sensors.pictures.pyav.PyAvCapture.fps", said)
     real = cv2.VideoCapture
 
     class Said:
@@ -207,7 +225,7 @@ def test_a_rate_that_none_has_is_told_from_the_stamps(
             return getattr(self._capture, name)
 
     monkeypatch.setattr(cv2, "VideoCapture", Said)
-    source = CameraSource(str(path))
+    source = source_of(path)
     assert source.fps == pytest.approx(25, rel=0.02)
     source._capture.release()
 

@@ -9,7 +9,7 @@ import pytest
 
 from hilbridge.errors import InputError
 from hilbridge.records import CameraFrame
-from hilbridge.sensors.hands import HandDetector
+from hilbridge.sensors.hands import ALONE_PICTURES, LOOK_EVERY, HandCount, HandDetector
 
 
 def test_absent_or_broken_model_names_file_and_cure(tmp_path: Path) -> None:
@@ -65,3 +65,35 @@ def test_stamps_that_stand_still_do_not_stop_the_detector(hand_model: Path, data
     with HandDetector(hand_model) as detector:
         for sequence in range(3):
             assert detector.detect(CameraFrame(5_000_000, picture, sequence)).hands
+
+
+def test_two_hands_are_looked_for_until_there_has_been_one_for_a_while() -> None:
+    count = HandCount()
+    asked = []
+    for _ in range(ALONE_PICTURES + 2 * LOOK_EVERY):
+        asked.append(count.wanted)
+        count.saw(1)
+    assert asked == [2] * ALONE_PICTURES + ([2] + [1] * (LOOK_EVERY - 1)) * 2
+    count.saw(2)
+    assert count.wanted == 2
+    assert not count.asks_again(1)
+    assert count.asks_again(0)
+    count.saw(0)
+    assert not count.asks_again(0)  # what is gone is asked for once
+
+
+@pytest.mark.data
+def test_the_clip_has_as_many_hands_in_each_picture_as_with_two_always_looked_for(hand_model: Path, data: Path) -> None:
+    capture, pictures = cv2.VideoCapture(str(data / "hands" / "clip_720p.mp4")), []
+    while (read := capture.read())[0]:
+        rgb = np.ascontiguousarray(cv2.cvtColor(read[1], cv2.COLOR_BGR2RGB))
+        pictures.append(CameraFrame(len(pictures) * 40_000_000, rgb, len(pictures)))
+    found, asked_for_one = [], 0
+    for adaptive in (False, True):
+        with HandDetector(hand_model, adaptive=adaptive) as detector:
+            found.append([])
+            for picture in pictures:
+                asked_for_one += adaptive and detector.wanted == 1
+                found[-1].append(len(detector.detect(picture).hands))
+    assert found[0] == found[1]
+    assert asked_for_one > len(pictures) / 2

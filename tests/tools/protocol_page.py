@@ -161,7 +161,14 @@ def counters() -> str:
     bridge = ", ".join(
         f"{index} {name}" for index, name in sorted(_signal(database, "BRIDGE_DIAG", "Index").choices.items())
     )
-    return "\n".join(lines) + f"\n\nBRIDGE_DIAG has the same first twelve, seen from the bridge: {bridge}.\n"
+    clocks = (
+        "ClockBoundUs and ClockResidualUs say, once a second, by how much stamps of the live device whose clock is\n"
+        "least known may be off, and what its probes leave over, in us; 4294967295: not known just now. Without such a\n"
+        "device they are not sent."
+    )
+    return (
+        "\n".join(lines) + f"\n\nBRIDGE_DIAG has the same first twelve, seen from the bridge: {bridge}.\n\n{clocks}\n"
+    )
 
 
 def _signal(database: Any, message: str, name: str) -> Any:

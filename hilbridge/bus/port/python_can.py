@@ -10,10 +10,9 @@ from collections import deque
 from collections.abc import Callable
 from typing import Any
 
-import can
-
 from hilbridge.bus.port.backend import LinkDown, WriteResult
 from hilbridge.bus.port.spec import BusSpec, BusUnavailable
+from hilbridge.bus.quick_can import can
 from hilbridge.limits import STALE_COMMAND_NS
 from hilbridge.records import Frame
 

@@ -10,12 +10,10 @@ import errno
 import time
 from typing import Any
 
-import can
-from can import typechecking
-
 from hilbridge.bus.model.error_frames import ErrorState
 from hilbridge.bus.model.events import Enqueued
 from hilbridge.bus.model.frames import WireFrame, frame_fault
+from hilbridge.bus.quick_can import can
 from hilbridge.bus.simulated.client import BusClient, BusNotReachable, Rates
 from hilbridge.bus.simulated.network import Network, NothingToCome, Station
 from hilbridge.bus.simulated.protocol import Arrival
@@ -72,7 +70,7 @@ class SimulatedBus(can.BusABC):
     def __init__(
         self,
         channel: str | Network = "hilbridge",
-        can_filters: typechecking.CanFilters | None = None,
+        can_filters: can.typechecking.CanFilters | None = None,
         receive_own_messages: bool = False,
         listen_only: bool = False,
         bus_errors: bool = False,

@@ -35,6 +35,7 @@ class Glasses(NamedTuple):
     gaze_url: str
     events_url: str | None
     echo_port: int
+    scene_url: str | None = None
 
 
 class _Lost(Exception):
@@ -198,7 +199,9 @@ def _glasses(status: Any, host: str) -> Glasses:
         raise _Lost(f"{host}: the app has no time echo, so its clock cannot be known, update it")
     events = status.direct_eye_events_sensor()
     events_url = events.url if events is not None and events.connected else None
-    return Glasses(name, width_px, height_px, sensor.url, events_url, int(status.phone.time_echo_port))
+    scene = status.direct_world_sensor()
+    scene_url = scene.url if scene is not None and scene.connected else None
+    return Glasses(name, width_px, height_px, sensor.url, events_url, int(status.phone.time_echo_port), scene_url)
 
 
 def _raw(datum: Any, glasses: Glasses) -> RawGaze:

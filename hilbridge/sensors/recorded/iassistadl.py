@@ -40,6 +40,13 @@ class Stream(NamedTuple):
     shift_ns: int
     delay_ms: tuple[float, float] | None
 
+    def __str__(self) -> str:
+        """Rate, losses, delay and shift in words."""
+        text = f"{self.name} {self.rate_hz:.3g} Hz, {self.lost} lost"
+        if self.delay_ms is not None:
+            text += f", delay {self.delay_ms[0]:.0f} ms (p99 {self.delay_ms[1]:.0f})"
+        return f"{text}, clock shifted by {self.shift_ns / MS:+.0f} ms" if self.shift_ns else text
+
     @property
     def rate_hz(self) -> float:
         span_ns = int(self.time_ns[-1] - self.time_ns[0]) if len(self.time_ns) > 1 else 0

@@ -12,7 +12,7 @@ from hilbridge.features.packs import write_pack
 from hilbridge.intent.predictor import Predictor
 from hilbridge.observe.reading import read_recording
 from hilbridge.records import FeatureVector
-from hilbridge.rows import TickRow
+from hilbridge.rows import HandsRow, InertialRow, TickRow
 from hilbridge.sensors.models import hand_model_path, hand_model_problem
 from hilbridge.wearer.person import Wearer
 from scenarios.format.files import dump_scenario, load_scenario, scenario_of
@@ -20,7 +20,7 @@ from scenarios.format.schema import Scenario, Session
 from scenarios.lockstep.run import run_scenario
 from scenarios.verdict.outcome import Run
 from scenarios.world.parts import bundle
-from scenarios.world.recorded import Filmed, PackAssembler, Video
+from scenarios.world.recorded import Filmed, PackAssembler, Video, Worn
 from tests.scenarios.sessions import film, wearers_features
 
 
@@ -223,3 +223,49 @@ expect: [{figure: trips, at_most: 1}]
         load_scenario(path)
     assert str(refused.value).startswith(f"{path}:{line}: ")
     assert said in str(refused.value)
+
+
+PLAIN = [1.0, 0.0, 0.5, 0.0, 0.0, 1.0, 0.5, 0.0, 0.0, 0.0, 1.0, 0.0]
+
+
+def test_a_folder_of_the_iassistadl_group_is_a_wearer(tmp_path: Path) -> None:
+    pytest.importorskip("h5py")
+    from tests.sensors.recorded.test_iassistadl import make
+
+    make(tmp_path / "one", tremor_hz=11.0, gaze_off_s=0.3, lose=20)
+    recording = tmp_path / "run.mcap"
+    run = play(
+        {"folder": str(tmp_path / "one"), "projection": PLAIN, "from": "3 s"},
+        recording,
+        steps=[{"fault": "gaze.off", "at": "3 s", "for": "0.5 s"}],
+    )
+    assert run.result.passed, run.result.problems()
+    calm = [row for row in run.ticks if 0.5e9 < row.time_ns < 2.0e9]
+    shaken = [row for row in run.ticks if row.time_ns > 3.5e9]
+    assert {(row.gaze_valid, row.hands_valid, row.scene_valid) for row in calm} == {(True, True, False)}
+    assert {row.felt_tremor for row in calm} == {False}
+    assert {row.felt_tremor for row in shaken} == {True}  # 11 Hz, from 2 s of the scenario on
+    rows = list(read_recording(recording, ("/hands", "/inertial", "/gaze")))
+    hands = [row for row in rows if isinstance(row, HandsRow)]
+    assert {(row.count, row.hands[0].x, row.hands[0].y) for row in hands} == {(1, 0.6, 0.7)}
+    assert sum(isinstance(row, InertialRow) for row in rows) > 700
+    again = play({"folder": str(tmp_path / "one"), "projection": PLAIN, "from": "3 s"}, tmp_path / "again.mcap")
+    assert [row.confidence for row in again.ticks[:70]] == [row.confidence for row in run.ticks[:70]]
+
+
+def test_a_folder_without_projection_has_no_hands_and_one_too_short_is_refused(tmp_path: Path) -> None:
+    pytest.importorskip("h5py")
+    from tests.sensors.recorded.test_iassistadl import make
+
+    make(tmp_path / "one", old=True)
+    run = play({"folder": str(tmp_path / "one")})
+    assert {row.hands_valid for row in run.ticks} == {False}
+    assert run.result.passed, run.result.problems()
+    with pytest.raises(InputError, match="gaze: lasts 9"):
+        Worn(Session(folder=str(tmp_path / "one"), from_="8 s"), 4_000_000_000)
+    with pytest.raises(InputError, match="`projection` is of the skeleton"):
+        scenario_of({**BASE, "intent": {"features": "a.npz", "projection": PLAIN}})
+    with pytest.raises(InputError, match=r"camera\.stuck"):
+        scenario_of(
+            {**BASE, "intent": {"folder": "one"}, "steps": [{"fault": "camera.stuck", "at": "1 s", "for": "1 s"}]}
+        )

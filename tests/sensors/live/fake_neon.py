@@ -16,6 +16,8 @@ from dataclasses import dataclass, field
 from aiohttp import web
 from aiortsp.rtcp.parser import RTCP, SR
 
+from tests.sensors.live import fake_world
+
 CLOCK_HZ = 90_000
 SDP = (
     "v=0\r\no=- 1 1 IN IP4 127.0.0.1\r\ns=gaze\r\nt=0 0\r\n"
@@ -38,6 +40,7 @@ class FakeNeon:
     echo_port: int = 0
     rtsp_port: int = 0
     sent: int = 0
+    pictures_ns: list[int] = field(default_factory=list)
     _loop: asyncio.AbstractEventLoop = field(default_factory=asyncio.new_event_loop)
     _stop: asyncio.Event = field(default_factory=asyncio.Event)
     _writers: set[asyncio.StreamWriter] = field(default_factory=set)
@@ -98,7 +101,9 @@ class FakeNeon:
             "sensor": "gaze", "conn_type": "DIRECT", "connected": self.connected, "ip": "127.0.0.1",
             "params": "camera=gaze", "port": self.rtsp_port, "protocol": "rtsp", "stream_error": False,
         }  # fmt: skip
-        found = [("Phone", phone), ("Hardware", {"version": self.version}), ("Sensor", gaze)]
+        world = gaze | {"sensor": "world", "params": "camera=world"}
+        hardware = {"version": self.version}
+        found = [("Phone", phone), ("Hardware", hardware), ("Sensor", gaze), ("Sensor", world)]
         return web.json_response({"result": [{"model": model, "data": data} for model, data in found]})
 
     async def _echo(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
@@ -123,14 +128,22 @@ class FakeNeon:
                 if method == "OPTIONS":
                     more += "Public: OPTIONS, DESCRIBE, SETUP, PLAY, TEARDOWN\r\n"
                 elif method == "DESCRIBE":
-                    body = SDP
+                    body = fake_world.SDP if "camera=world" in request else SDP
                     more += f"Content-Type: application/sdp\r\nContent-Length: {len(body)}\r\n"
                 elif method == "SETUP":
+                    if "interleaved" in headers["Transport"]:
+                        client = (0, 0)
+                        more += f"Transport: {headers['Transport']}\r\n"
+                        writer.write(f"RTSP/1.0 200 OK\r\nCSeq: {headers['CSeq']}\r\n{more}\r\n".encode())
+                        continue
                     ports = headers["Transport"].rpartition("client_port=")[2].split("-")
                     client = (int(ports[0]), int(ports[1]))
                     more += f"Transport: {headers['Transport']}\r\n"
                 writer.write(f"RTSP/1.0 200 OK\r\nCSeq: {headers['CSeq']}\r\n{more}\r\n{body}".encode())
-                if method == "PLAY":
+                if method == "PLAY" and client == (0, 0):
+                    send = fake_world.world(writer, self.wall_ns, lambda: self.silent, self.pictures_ns)
+                    stream = asyncio.create_task(send)
+                elif method == "PLAY":
                     stream = asyncio.create_task(self._stream(*client))
         except (asyncio.IncompleteReadError, ConnectionError, asyncio.CancelledError):
             pass

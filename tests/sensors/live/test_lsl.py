@@ -15,7 +15,7 @@ from hilbridge.errors import InputError
 from hilbridge.limits import MS
 from hilbridge.records import GazeSample, StampSource
 from hilbridge.sensors.live import lsl
-from hilbridge.sensors.live.lsl import LslChannels, LslGaze
+from hilbridge.sensors.live.lsl import LslBody, LslChannels, LslGaze, triples
 from hilbridge.sensors.source import SourceState
 from tests.sensors.live.test_neon import until
 
@@ -134,3 +134,48 @@ def test_what_cannot_be_used_is_one_line(
     with pytest.raises(InputError, match=said) as refused:
         LslGaze(spec.replace("NAME", name), channels)
     assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("labels", "found"),
+    [
+        (["HAND_R_x", "HAND_R_y", "HAND_R_z"], {"HAND_R": (0, 1, 2)}),
+        (["gyro", "acc.Z", "acc.Y", "acc.X"], {"acc": (3, 2, 1)}),
+        (["x", "y", "z"], {"HAND": (0, 1, 2)}),
+        (["", "", ""], {"HAND": (0, 1, 2)}),
+        ([""] * 6, {"HAND 1": (0, 1, 2), "HAND 2": (3, 4, 5)}),
+        (["a_x", "a_y", "b_x", "b_y", "b_z"], {"b": (2, 3, 4)}),
+        (["", ""], {}),
+        ([], {}),
+    ],
+)
+def test_channels_that_belong_together_are_told(labels: list[str], found: dict[str, tuple[int, int, int]]) -> None:
+    assert triples(labels, "HAND") == found
+
+
+def test_sensors_on_the_body_come_with_the_clock_carried_over(name: str) -> None:
+    info = pylsl.StreamInfo(name, "Accelerometer", 4, 100, "float32", f"id-{name}")
+    channels = info.desc().append_child("channels")
+    for label in ("battery", "HAND_R_x", "HAND_R_y", "HAND_R_z"):
+        channels.append_child("channel").append_child_value("label", label)
+    outlet, samples = pylsl.StreamOutlet(info), []
+    source = LslBody("inertial", name, "HAND")
+    source.on_value = lambda sample: samples.append((time.monotonic_ns(), sample))
+    source.start()
+    try:
+
+        def pushed() -> bool:
+            outlet.push_sample([50.0, 1.0, 2.0, 9.0])
+            return len(samples) > 5 and samples[-1][1].valid
+
+        until(pushed)
+    finally:
+        source.stop(10.0)
+    at_ns, sample = samples[-1]
+    assert (sample.sensor, sample.x, sample.y, sample.z, sample.stamp) == ("HAND_R", 1, 2, 9, StampSource.HARDWARE)
+    assert -MS < at_ns - sample.captured_ns < 1000 * MS
+
+
+def test_a_stream_without_triples_is_one_line(name: str, tracker: Tracker) -> None:
+    with pytest.raises(InputError, match="are no x, y, z of sensors"):
+        LslBody("inertial", name, "HAND")

@@ -13,8 +13,8 @@ import pytest
 
 from hilbridge.errors import InputError
 from hilbridge.limits import MS
-from hilbridge.records import GazeSample, StampSource
-from hilbridge.sensors.live.udp import UdpGaze
+from hilbridge.records import BodySample, GazeSample, StampSource
+from hilbridge.sensors.live.udp import UdpBody, UdpGaze
 from hilbridge.sensors.source import SourceState
 from tests.sensors.live.test_neon import until
 
@@ -138,3 +138,21 @@ def test_a_line_that_is_no_sample_is_counted_and_the_next_is_taken(heard: Heard,
 def test_a_port_that_is_taken_is_one_line(heard: Heard) -> None:
     with pytest.raises(InputError, match="name a port that is free"):
         UdpGaze(heard.source.port)
+
+
+def test_sensors_on_the_body_come_with_their_names() -> None:
+    samples: list[BodySample] = []
+    source = UdpBody("inertial", 0, "127.0.0.1", "HAND")
+    source.on_value = samples.append
+    source.start()
+    try:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
+            sender.connect(("127.0.0.1", source.port))
+            sender.send(
+                b'{"x": 1, "y": 2, "z": 9.8}\n{"sensor": "HAND_L", "x": NaN, "y": 0, "z": 0}\n{"x": 1, "y": 2}\n'
+            )
+            sender.send(b'{"sensor": 7, "x": 1, "y": 2, "z": 3}\n')
+            until(lambda: source.cell.counts().failed == 2)
+    finally:
+        source.stop(10.0)
+    assert [(one.sensor, one.x, one.valid) for one in samples] == [("HAND", 1.0, True), ("HAND_L", 0.0, False)]

@@ -18,9 +18,18 @@ START_S = 1_760_000_000.0
 
 
 def make(
-    folder: Path, *, old: bool = False, gaze_off_s: float = 0.0, inertial_off_s: float = 0.0, lose: int = 0
+    folder: Path,
+    *,
+    old: bool = False,
+    gaze_off_s: float = 0.0,
+    inertial_off_s: float = 0.0,
+    lose: int = 0,
+    tremor_hz: float | None = None,
 ) -> Path:
-    """Ten seconds: gaze at 200 Hz, two inertial sensors at 100 Hz, a skeleton at 30 Hz; delays of 1 to 20 ms."""
+    """Ten seconds: gaze at 200 Hz, two inertial sensors at 100 Hz, a skeleton at 30 Hz; delays of 1 to 20 ms.
+
+    tremor_hz: the hands shake with 2 m/s^2 from 5 s on; else they are noise of 1 m/s^2.
+    """
     folder.mkdir()
     random = np.random.default_rng(3)
 
@@ -38,7 +47,11 @@ def make(
     with h5py.File(folder / "xsense.h5", "w") as file:
         for name in ("HAND_R", "FOREARM_R"):
             group = file.create_group(f"Sensors/{name}")
-            group["Accelerometer"] = random.normal(size=(3, len(kept)))
+            felt = random.normal(size=(3, len(kept)))
+            if tremor_hz is not None:
+                felt = 0.05 * felt
+                felt[0] += np.where(kept >= 500, 2.8 * np.sin(2 * np.pi * tremor_hz * kept / 100), 0.0)
+            group["Accelerometer"] = felt
             group["SeqID"] = kept[None, :]
             if old:
                 group["Timestamp"] = (stamps * 1e6)[None, :]
@@ -47,7 +60,7 @@ def make(
                 group["Timestamp_Processing"] = (stamps + delays(len(kept)))[None, :]
     frames = START_S + np.arange(300) / 30
     with h5py.File(folder / "zed2i_skeleton3d.h5", "w") as file:
-        file["Skeletons/Body_21/RIGHT_WRIST/SkeletonJoint3d"] = np.zeros((300, 3))
+        file["Skeletons/Body_21/RIGHT_WRIST/SkeletonJoint3d"] = np.tile((0.1, 0.2, 1.0), (300, 1))
         place = "" if old else "Skeletons/Body_21/"
         file[f"{place}Timestamps/Timestamp_Sensor"] = frames[None, :]
         file[f"{place}Timestamps/Timestamp_Processing"] = (frames + delays(300))[None, :]
