@@ -77,3 +77,21 @@ def test_guidance_until_contact_ends_with_it_and_fades_once() -> None:
     law = hand.state.torque
     assert (law.guide_unm, law.guide_tick, law.fade_ticks, law.onset_ticks) == (0, 0, 0, 0)
     assert CONTACT_TICKS < law.contact_ticks < CONTACT_TICKS + 200
+
+
+def test_guidance_that_has_begun_to_fade_ends_though_the_way_is_free_again() -> None:
+    hand = Hand().to_ready()
+    hand.inputs = replace(hand.inputs, user_torque_unm=1_500_000, velocity_mdeg_s=25_000)
+    for _ in range(12):
+        hand.beat(*hand.act(OPEN))
+    hand.inputs = replace(hand.inputs, velocity_mdeg_s=0)
+    while not hand.state.torque.fade_ticks:
+        hand.beat(*hand.act(OPEN))
+    hand.inputs = replace(hand.inputs, velocity_mdeg_s=25_000)
+    seen = []
+    for _ in range(5):
+        hand.beat(*hand.act(OPEN))
+        seen.append((hand.state.torque.contact_ticks, hand.state.torque.fade_ticks))
+    assert any(contact == 0 and fade > 0 for contact, fade in seen)
+    assert seen[-1][1] == 0
+    assert hand.state.torque.guide_tick == 0
