@@ -7,7 +7,7 @@ import socket
 import sys
 import time
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import can
 
@@ -83,9 +83,10 @@ def _why_not(spec: Spec, error: Exception) -> str:
 class Attachment:
     """One open bus. Nothing here raises once it is open: a link that is down is silence, counted."""
 
-    def __init__(self, spec: Spec) -> None:
-        """Attach. Raises BusUnusable in one line."""
+    def __init__(self, spec: Spec, **options: Any) -> None:
+        """Attach; `options` go to python-can. Raises BusUnusable in one line."""
         self.spec = spec
+        self._options = options
         self.bus_off = False
         self.dropped = 0
         self.link_errors = 0
@@ -98,7 +99,7 @@ class Attachment:
 
     def _open(self) -> can.BusABC:
         try:
-            bus = can.Bus(interface=self.spec.interface, channel=self.spec.channel)
+            bus = can.Bus(interface=self.spec.interface, channel=self.spec.channel, **self._options)
         except Exception as error:  # an absent driver raises whatever its binding stumbles over, NameError among it
             raise BusUnusable(_why_not(self.spec, error)) from None
         raw = getattr(bus, "socket", None)

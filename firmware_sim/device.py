@@ -95,22 +95,26 @@ class Device:
         self.actuator = replace(self.actuator, gain=gain, stuck=stuck, lag_s=lag_s, bias_nm=bias_nm)
 
     def record(self) -> dict[str, Any]:
-        """The present tick as one line of the JSON log: units in the names, times on the device's own clock."""
-        state = self.state
-        return {
-            "t_ms": state.last_tick_ms,
-            "state": wire_name(state.state),
-            "reason": wire_name(state.reason),
-            "armed": state.armed,
-            "session": state.session,
-            "verb": state.verb,
-            "assist_nm": state.torque.assist_unm * 1e-6,
-            "gravity_nm": state.torque.gravity_unm * 1e-6,
-            "follow_nm": state.follow_unm * 1e-6,
-            "angle_deg": round(math.degrees(self.arm.angle), 3),
-            "velocity_deg_s": round(math.degrees(self.arm.velocity), 3),
-            "accepted_ms": state.command_ms,
-            "accepted_counter": state.accepted_counter,
-            "accepted_hold": state.command_is_hold,
-            "trips": len(state.trips),
-        }
+        """The present tick as one line of the JSON log."""
+        return record_of(self.state, math.degrees(self.arm.angle), math.degrees(self.arm.velocity))
+
+
+def record_of(state: ControllerState, angle_deg: float, velocity_deg_s: float) -> dict[str, Any]:
+    """One tick as a line of the JSON log: units in the names, times on the device's own clock."""
+    return {
+        "t_ms": state.last_tick_ms,
+        "state": wire_name(state.state),
+        "reason": wire_name(state.reason),
+        "armed": state.armed,
+        "session": state.session,
+        "verb": state.verb,
+        "assist_nm": state.torque.assist_unm * 1e-6,
+        "gravity_nm": state.torque.gravity_unm * 1e-6,
+        "follow_nm": state.follow_unm * 1e-6,
+        "angle_deg": round(angle_deg, 3),
+        "velocity_deg_s": round(velocity_deg_s, 3),
+        "accepted_ms": state.command_ms,
+        "accepted_counter": state.accepted_counter,
+        "accepted_hold": state.command_is_hold,
+        "trips": len(state.trips),
+    }

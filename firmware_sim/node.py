@@ -18,9 +18,11 @@ from collections import deque
 from dataclasses import replace
 from pathlib import Path
 from types import FrameType
-from typing import IO, Any, NoReturn
+from typing import IO, NoReturn
 
 from firmware_sim.attachment import Arrival, Attachment, BusUnusable, parse_spec
+from firmware_sim.bench.link import LinkedDevice, attach
+from firmware_sim.bench.remote import RemoteDevice
 from firmware_sim.clearing import HAND, awaited
 from firmware_sim.console import listen, read_terminal_politely, report_defect, say
 from firmware_sim.controllers import CONTROLLERS, ControllerUnusable, power_on
@@ -50,7 +52,9 @@ _COMMANDS = (
 class Node:
     """The loop: read, run the ticks that are due, send, log, sleep to the next tick."""
 
-    def __init__(self, device: Device, bus: Attachment, log: IO[str] | None, log_cycle_ms: int = LOG_CYCLE_MS) -> None:
+    def __init__(
+        self, device: Device | RemoteDevice, bus: Attachment, log: IO[str] | None, log_cycle_ms: int = LOG_CYCLE_MS
+    ) -> None:
         """`log` is an open text file for JSON lines, or None; `log_cycle_ms` how often it has a line at least."""
         self.device = device
         self.bus = bus
@@ -163,20 +167,10 @@ class Node:
                 self._confirm()
             case "overrun":
                 self.device.skip(int(words[1]) if len(words) > 1 else 10)
-            case "stuck":
-                self._break_motor_further(stuck=True)
-            case "gain":
-                self._break_motor_further(gain=float(words[1]))
-            case "lag":
-                self._break_motor_further(lag_s=float(words[1]) / 1000)
-            case "bias":
-                self._break_motor_further(bias_nm=float(words[1]))
-            case "mend":
-                self.device.break_motor()
-            case "encoder":
-                self.device.encoder_offset_mdeg = int(words[1])
-            case "push":
-                self.device.wearer_extra_nm = float(words[1])
+            case "stuck" | "gain" | "lag" | "bias" | "mend" | "encoder" | "push":
+                if isinstance(self.device, RemoteDevice):
+                    raise ValueError("arm and motor are the plant's")
+                _break(self.device, words)
             case "busoff":
                 self.forced_bus_off = True
             case "buson":
@@ -202,10 +196,6 @@ class Node:
     def _start_anew(self, key: bytes) -> None:
         self.device.start_anew(key, self._nonce())
 
-    def _break_motor_further(self, **fault: Any) -> None:
-        """One more fault of the actuator; those it has already stay until `mend`."""
-        self.device.actuator = replace(self.device.actuator, **fault)
-
     def summary(self) -> dict[str, object]:
         """What happened, for the last line."""
         state = self.device.state
@@ -225,6 +215,25 @@ class Node:
             "most_behind_ms": self.most_behind,
             "peak_assist_nm": round(self.device.peak_assist_unm * 1e-6, 3),
         }
+
+
+def _break(device: Device, words: list[str]) -> None:
+    """A fault of arm, motor or encoder; those that are there already stay until `mend`."""
+    match words[0]:
+        case "stuck":
+            device.actuator = replace(device.actuator, stuck=True)
+        case "gain":
+            device.actuator = replace(device.actuator, gain=float(words[1]))
+        case "lag":
+            device.actuator = replace(device.actuator, lag_s=float(words[1]) / 1000)
+        case "bias":
+            device.actuator = replace(device.actuator, bias_nm=float(words[1]))
+        case "encoder":
+            device.encoder_offset_mdeg = int(words[1])
+        case "push":
+            device.wearer_extra_nm = float(words[1])
+        case _:
+            device.break_motor()
 
 
 class _Parser(argparse.ArgumentParser):
@@ -248,6 +257,7 @@ def _parser() -> argparse.ArgumentParser:
         "--log-ms", type=int, default=LOG_CYCLE_MS, choices=range(1, 1001), metavar="MS", help="1 to 1000 (20)"
     )
     parser.add_argument("--wearer-torque", choices=WEARERS, default="reach", help="what the wearer's arm does")
+    parser.add_argument("--plant-bus", help="arm and motor are on this bus (`hilbridge plant`), not simulated within")
     parser.add_argument(
         "--interactive", action="store_true", help="read commands from the terminal, while in its foreground"
     )
@@ -269,6 +279,7 @@ def main(arguments: list[str] | None = None) -> int:
     options = _parser().parse_args(arguments)
     log: IO[str] | None = None
     bus: Attachment | None = None
+    plant: Attachment | None = None
     try:
         spec = parse_spec(options.bus)
         key = load_key(options.key_file, physical=spec.physical)
@@ -277,7 +288,9 @@ def main(arguments: list[str] | None = None) -> int:
         bus = Attachment(spec)
         use_realtime_scheduling()
         state = power_on(options.controller, key, secrets.randbits(32))
-        node = Node(Device(state, options.wearer_torque), bus, log, options.log_ms)
+        plant = None if options.plant_bus is None else attach(options.plant_bus)
+        device = Device(state, options.wearer_torque) if plant is None else LinkedDevice(state, plant)
+        node = Node(device, bus, log, options.log_ms)
         _on_signals(node)
         say(f"ready on {spec.interface}:{spec.channel}")
         _take_commands(node, options)
@@ -294,8 +307,9 @@ def main(arguments: list[str] | None = None) -> int:
     except Exception as error:
         return report_defect(error)
     finally:
-        if bus is not None:
-            bus.close()
+        for one in (bus, plant):
+            if one is not None:
+                one.close()
         if log is not None:
             with contextlib.suppress(OSError):  # a full disk has been told of
                 log.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import subprocess
 import sys
 import time
 from pathlib import Path
@@ -24,13 +25,19 @@ def register(app: typer.Typer) -> None:
     app.command("dbc")(dbc)
     app.command("candump")(candump)
     app.command("docs")(docs)
+    app.command()(conformance)
+    app.command()(plant)
 
 
-def dbc(out: Annotated[Path | None, typer.Option(help="file to write; default: print it")] = None) -> None:
+def dbc(
+    out: Annotated[Path | None, typer.Option(help="file to write; default: print it")] = None,
+    of_plant: Annotated[bool, typer.Option("--plant", help="the one of the plant bus (hilbridge plant)")] = False,
+) -> None:
     """The DBC of bridge and device, for cantools, SavvyCAN, Wireshark and your own firmware."""
     from hilbridge.wire.dbc import default_dbc_path
 
-    text = default_dbc_path().read_text(encoding="utf-8")
+    path = default_dbc_path()
+    text = (path.with_name("plant.dbc") if of_plant else path).read_text(encoding="utf-8")
     if out is None:
         typer.echo(text, nl=False)
     elif out.exists():
@@ -50,6 +57,80 @@ def docs(name: Annotated[str | None, typer.Argument(help="which; without it they
         raise InputError(f"docs {name}: no such document; there are {', '.join(known)}")
     else:
         typer.echo(known[name].read_text(encoding="utf-8"))
+
+
+def plant(
+    bus: Annotated[
+        str, typer.Option("--bus", help="a bus of its own: can1, vcan1, hilsim:NAME, any interface:channel")
+    ],
+    wearer_torque: Annotated[str, typer.Option(help="still, reach, sway or tremor")] = "reach",
+    seconds: Annotated[float | None, typer.Option(min=0.1, help="stop after so long; default: at Ctrl-C")] = None,
+    json_log: Annotated[Path | None, typer.Option(metavar="FILE", help="torque every 5 ms, as JSON lines")] = None,
+    on_a_bench: Annotated[
+        bool, typer.Option("--i-am-on-a-bench", help="nobody wears the device; needed on a physical bus")
+    ] = False,
+) -> None:
+    """Run arm, motor and wearer in real time for a device under test, over a CAN bus of their own (dbc/plant.dbc)."""
+    command = [sys.executable, "-m", "firmware_sim.bench.process", "--bus", bus, "--wearer-torque", wearer_torque]
+    command += ["--seconds", str(seconds)] if seconds is not None else []
+    command += ["--json-log", str(json_log)] if json_log is not None else []
+    command += ["--i-am-on-a-bench"] if on_a_bench else []
+    with subprocess.Popen(command) as process:
+        while process.poll() is None:
+            try:
+                process.wait()
+            except KeyboardInterrupt:  # the plant has heard it, too, and says what it has counted
+                continue
+    if process.returncode:
+        raise typer.Exit(process.returncode)
+
+
+def conformance(
+    bus: Annotated[str | None, typer.Option("--bus", help="auto, vcan0, can0, any interface:channel")] = None,
+    bus_option: Annotated[
+        list[str] | None, typer.Option(metavar="KEY=VALUE", help="for the interface, such as bitrate=500000")
+    ] = None,
+    config: Annotated[Path | None, typer.Option("--config", help="bridge.toml: bus, DBC, key, bundle")] = None,
+    key_file: Annotated[Path | None, typer.Option(help="16-byte key as hex, mode 0600")] = None,
+    bundle: Annotated[Path | None, typer.Option(help="the bundle that this bench is for, if any")] = None,
+    only: Annotated[list[str] | None, typer.Option(metavar="CLAIM", help="this claim alone; many times")] = None,
+    phases: Annotated[int, typer.Option(min=1, max=1000, help="of each reaction time")] = 10,
+    margin_ms: Annotated[float, typer.Option(min=0.0, max=10.0, help="what this computer and bus may add")] = 5.0,
+    clear_command: Annotated[
+        str | None, typer.Option(metavar="COMMAND", help="presses the device's button; default: you are asked to")
+    ] = None,
+    on_a_bench: Annotated[
+        bool, typer.Option("--i-am-on-a-bench", help="nobody wears the device; needed on a physical bus")
+    ] = False,
+    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="JUnit XML, too")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="one JSON object instead of lines")] = False,
+) -> None:
+    """Test any device against the contract over its bus, before anybody puts it on. Exit code 1 unless all is kept."""
+    from hilbridge.config import load_config, parse_options
+    from hilbridge.conformance import report
+    from hilbridge.conformance.plan import chosen
+    from hilbridge.conformance.run import Asked, run_conformance
+    from hilbridge.runtime.assemble import read_parts
+
+    given: dict[str, dict[str, object]] = {
+        "bus": {"spec": bus, "key_file": str(key_file) if key_file else None}
+        | {"options": parse_options(bus_option) if bus_option else None},
+        "model": {"bundle": str(bundle) if bundle else None},
+    }
+    settings = load_config(config, given)
+    asked = Asked(chosen(only or []), phases, margin_ms, clear_command, on_a_bench)
+
+    def say(text: str) -> None:
+        typer.echo(text, err=as_json)
+
+    findings = run_conformance(
+        settings, read_parts(settings), asked, lambda one: None if as_json else say(report.line_of(one)), say
+    )
+    if junit is not None:
+        report.write_junit(findings, settings.bus.spec, junit)
+    typer.echo(json.dumps(report.as_json(findings, settings.bus.spec)) if as_json else report.summary_of(findings))
+    if not report.passed(findings):
+        raise typer.Exit(1)
 
 
 def candump(

@@ -12,37 +12,68 @@ import typer
 from hilbridge.errors import InputError, needs_extra
 
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text")]
+Data = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--data", help="labelled recordings, folders of them, feature packs, or an EGTEA Gaze+ folder; many times"
+    ),
+]
 BundleFile = Annotated[Path | None, typer.Option("--bundle", help="model bundle; default: the one that ships")]
 
 
 def register(app: typer.Typer) -> None:
     """Add them to the command line."""
-    for command in (train, evaluate, certify):
-        app.command()(command)
+    app.command()(train)
+    app.command()(evaluate)
+    app.command()(certify)
+    app.command()(adapt)
     data = typer.Typer(help="Look at data sets.", no_args_is_help=True)
     data.command("describe")(data_describe)
     data.command("pack")(data_pack)
+    data.command("simulate")(data_simulate)
     app.add_typer(data, name="data")
 
 
 def train(
+    data: Data = None,
     out: Annotated[Path, typer.Option(help="the bundle to write")] = Path("out/bundle.safetensors"),
-    work: Annotated[Path, typer.Option(help="checkpoints, logs, recorded streams")] = Path("out/train"),
-    wearer: Annotated[str, typer.Option(help="demo or benchmark")] = "demo",
-    people: Annotated[int, typer.Option(min=8, help="how many simulated people")] = 480,
+    work: Annotated[Path, typer.Option(help="checkpoints, logs, folds, recorded streams")] = Path("out/train"),
+    recipe: Annotated[str, typer.Option(help="with --data: best, or paper")] = "best",
+    folds: Annotated[int, typer.Option(min=2, help="with --data: at most so many, by person")] = 5,
+    jobs: Annotated[int, typer.Option(min=1, help="with --data: folds at the same time")] = 1,
+    report: Annotated[
+        Path | None, typer.Option(help="with --data: folder of report and card; default: by --out")
+    ] = None,
+    wearer: Annotated[str, typer.Option(help="without --data: demo or benchmark")] = "demo",
+    people: Annotated[int, typer.Option(min=8, help="without --data: how many simulated people")] = 600,
     seconds: Annotated[float, typer.Option(min=10.0, help="of each")] = 60.0,
-    precision: Annotated[float, typer.Option(min=0.0, max=1.0, help="act-only precision tau_on must replay to")] = 0.9,
+    precision: Annotated[
+        float | None, typer.Option(min=0.0, max=1.0, help="tau_on must replay to it; default: 0.9, with --data 0.8")
+    ] = None,
     seed: Annotated[int, typer.Option(min=0)] = 0,
 ) -> None:
-    """Train, calibrate and choose thresholds; write one bundle. An interrupted run goes on where it was."""
+    """Train on recorded people (--data) or simulated ones, calibrate, choose thresholds; write one bundle.
+
+    An interrupted run goes on where it was.
+    """
     with needs_extra("train"):
         from hilbridge.learning.training import make_bundle
-        from hilbridge.learning.training.recipes import DEMO_RECIPE
+        from hilbridge.learning.training.recipes import DEMO_RECIPE, RECIPES
 
-    recipe = replace(DEMO_RECIPE, seed=seed)
+    if data:
+        from hilbridge.people.train import PeopleConfig, train_on_people
+
+        own = replace(RECIPES[recipe], seed=seed) if recipe in RECIPES else None
+        folder = report or out.parent / f"{out.stem}-report"
+        asked = PeopleConfig(tuple(data), out, work, folder, recipe, own, precision or 0.8, folds, jobs)
+        made = train_on_people(asked, say=lambda line: typer.echo(line, err=True))
+        typer.echo("\n".join([*made.lines, f"bundle: {made.bundle}", f"report: {made.report}", f"card: {made.card}"]))
+        return
+    settings = replace(DEMO_RECIPE, seed=seed)
+    wanted = 0.9 if precision is None else precision
     try:
         config = make_bundle.TrainConfig(
-            out=out, work=work, wearer=wearer, people=people, seconds=seconds, precision=precision, recipe=recipe
+            out=out, work=work, wearer=wearer, people=people, seconds=seconds, precision=wanted, recipe=settings
         )
         typer.echo(f"bundle: {make_bundle.train(config)}")
     except ValueError as error:
@@ -66,14 +97,18 @@ def evaluate(
 
 
 def certify(
+    data: Data = None,
     precision: Annotated[float, typer.Option(min=0.0, max=1.0, help="act-only precision to certify")] = 0.8,
     delta: Annotated[float, typer.Option(min=0.0, max=1.0, help="how often the promise may fail")] = 0.05,
     bundle: BundleFile = None,
-    method: Annotated[str, typer.Option(help="betting, cluster_t or clopper_pearson")] = "betting",
-    people: Annotated[int, typer.Option(min=2, help="how many simulated people to certify on")] = 200,
+    method: Annotated[str, typer.Option(help="betting, betting_pooled, cluster_t or clopper_pearson")] = "betting",
+    people: Annotated[int, typer.Option(min=2, help="without --data: how many simulated people")] = 200,
     write: Annotated[Path | None, typer.Option(help="write the bundle with the certified tau_on here")] = None,
 ) -> None:
-    """Choose a tau_on that keeps its promise on people it has not seen, or say how much more data it takes (exit 1)."""
+    """Choose a tau_on that keeps its promise on people it has not seen (--data, or simulated ones).
+
+    Exit code 1, and how much more data it takes, where these people cannot support it.
+    """
     from hilbridge.intent.bundle import demo_bundle_path
     from hilbridge.terminal import counting
 
@@ -89,13 +124,53 @@ def certify(
             people=people,
             write=write,
         )
-        with counting("simulated people", people) as step:
-            result = certifying.certify_bundle(config, progress=step)
+        if data:
+            from hilbridge.people.certify import certify_on_people
+
+            result = certify_on_people(config, data, lambda line: typer.echo(line, err=True))
+        else:
+            with counting("simulated people", people) as step:
+                result = certifying.certify_bundle(config, progress=step)
     except ValueError as error:
         raise InputError(str(error)) from None
     typer.echo("\n".join(result.lines()))
     if result.certificate.tau_on is None:
         raise typer.Exit(1)
+
+
+def adapt(
+    data: Annotated[list[Path], typer.Option("--data", help="labelled sessions of one wearer; many times")],
+    bundle: BundleFile = None,
+    out: Annotated[Path, typer.Option(help="the bundle to write")] = Path("out/adapted.safetensors"),
+) -> None:
+    """Make a bundle more careful for one wearer, from actions whose verb became known; it never loosens a threshold."""
+    from hilbridge.intent.bundle import demo_bundle_path
+
+    with needs_extra("train"):
+        from hilbridge.people.adapt import adapt as adapting
+
+    made = adapting(bundle or demo_bundle_path(), data, out, lambda line: typer.echo(line, err=True))
+    typer.echo("\n".join(made.lines()))
+
+
+def data_simulate(
+    out: Annotated[Path, typer.Argument(help="folder for the recordings")],
+    people: Annotated[int, typer.Option(min=1)] = 12,
+    seconds: Annotated[float, typer.Option(min=10.0, help="of each")] = 60.0,
+    wearer: Annotated[str, typer.Option(help="demo or benchmark")] = "demo",
+    seed: Annotated[int, typer.Option(min=0, help="of the first person")] = 30_000,
+) -> None:
+    """Write simulated people as labelled recordings, to try training on people. Their origin says simulated."""
+    from hilbridge.people.simulate import simulate
+    from hilbridge.terminal import counting
+    from hilbridge.wearer.timeline import BENCHMARK, DEMO
+
+    difficulty = {"demo": DEMO, "benchmark": BENCHMARK}.get(wearer)
+    if difficulty is None:
+        raise InputError(f"--wearer {wearer}: must be demo or benchmark")
+    with counting("simulated people", people) as step:
+        made = simulate(out, people, seconds, difficulty, seed, step)
+    typer.echo(f"{len(made)} labelled recordings under {out}")
 
 
 def data_describe(path: Annotated[Path, typer.Argument(help="the data set's folder")], as_json: Json = False) -> None:

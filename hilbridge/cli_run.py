@@ -33,6 +33,9 @@ Loop = Annotated[Flag, typer.Option("--loop", help="start a recording again at i
 KeyFile = Annotated[Path | None, typer.Option(help="16-byte key as hex, mode 0600")]
 ListenOnly = Annotated[Flag, typer.Option("--listen-only/--send", help="default: listen only on a physical bus")]
 Arm = Annotated[Flag, typer.Option("--arm", help="may send ACT on a physical bus")]
+Uncertified = Annotated[
+    Flag, typer.Option("--uncertified", help="a bench: arm although nobody certified the bundle's threshold")
+]
 Video = Annotated[Flag, typer.Option("--video/--no-video", help="record the pictures; default: yes")]
 RotateMb = Annotated[float | None, typer.Option(help="next part of the recording after so many megabytes")]
 RotateMinutes = Annotated[float | None, typer.Option(help="... or after so many minutes")]
@@ -76,6 +79,7 @@ def run(
     key_file: KeyFile = None,
     listen_only: ListenOnly = None,
     arm: Arm = None,
+    uncertified: Uncertified = None,
     video: Video = None,
     rotate_mb: RotateMb = None,
     rotate_minutes: RotateMinutes = None,
@@ -98,6 +102,7 @@ def run(
         "sensors": {"camera": camera, "gaze": gaze, "inertial": inertial, "skeleton": skeleton}
         | {"camera_fps": camera_fps, "hands": hands, "loop": loop},
         "bus": {"spec": bus, "key_file": _text(key_file), "listen_only": listen_only, "arm": arm}
+        | {"uncertified": uncertified}
         | {"options": parse_options(bus_option) if bus_option else None},
         "model": {"bundle": _text(bundle)},
         "recording": {"video": video, "rotate_mb": rotate_mb, "rotate_minutes": rotate_minutes, "retain_days": retain}

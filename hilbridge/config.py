@@ -117,6 +117,9 @@ class GateSection(_Part):
 
     tau_on: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     tau_off: Annotated[float, Field(ge=0.0, lt=1.0)] | None = None
+    precision: Annotated[float, Field(gt=0.0, lt=1.0)] | None = Field(
+        None, description="the lowest tau_on from which on the bundle's replay reaches it; tau_on, where given, wins"
+    )
     alpha: Annotated[float, Field(gt=0.0, le=1.0)] = 0.2
     top_k: Annotated[int, Field(ge=1, le=21)] = 3
     refractory_ms: Annotated[int, Field(ge=0, le=10_000)] = REFRACTORY_MS
@@ -140,6 +143,7 @@ class BusConfig(_Part):
     )
     listen_only: bool | None = Field(None, description="default: true on a physical bus, false on a virtual one")
     arm: bool = Field(False, description="may send ACT on a physical bus")
+    uncertified: bool = Field(False, description="a bench: arm with a bundle of recorded people without a certificate")
 
 
 PSEUDONYM = r"^[A-Za-z0-9_-]*[0-9][A-Za-z0-9_-]*$"  # with a digit, as names do not have

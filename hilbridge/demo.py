@@ -23,7 +23,8 @@ from hilbridge.runtime.account.judge import judge_by
 from hilbridge.runtime.assemble import read_parts
 from hilbridge.runtime.live import LiveBridge
 from hilbridge.runtime.simulated_senses import SimulatedSenses
-from hilbridge.wearer.person import Tremor, Wearer
+from hilbridge.wearer.person import Wearer
+from hilbridge.wearer.shaking import Tremor
 
 DEMO_SEED = 3  # a person the shipped bundle was not trained on
 _DEVICE_START_S = 30.0

@@ -112,9 +112,9 @@ class FeatureVector:
 class IntentEstimate:
     """What the predictor believes the next verb is.
 
-    `probabilities` has one calibrated entry per class of `verbs.VERBS` and sums to 1; `confidence` is the calibrated
-    probability that `verb_index`, the top class, is right (with isotonic or Platt it is not max(probabilities)).
-    `valid` is the modality mask of the newest step.
+    `probabilities` has one entry per class of `verbs.VERBS`, scaled by the temperature, and sums to 1; `confidence` is that
+    of `verb_index`, the top class. `valid` is the modality mask of the newest step. `condition` names the map that makes
+    confidence of what the gate smooths (`hilbridge.confidence`); None: probabilities mean what they say, as a script's do.
     """
 
     oldest_input_ns: int
@@ -124,6 +124,7 @@ class IntentEstimate:
     confidence: float
     bundle_id: int
     valid: tuple[bool, bool, bool]
+    condition: int | None = None
 
 
 class Action(IntEnum):

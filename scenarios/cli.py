@@ -83,25 +83,36 @@ def run(
     profile: Annotated[bool, typer.Option("--profile", help="where the time goes, part by part")] = False,
     live: Annotated[bool, typer.Option("--live", help="real processes and the real clock, on --bus")] = False,
     bus: Annotated[str | None, typer.Option(help="with --live: vcan0, hilsim:NAME, any virtual bus")] = None,
+    device: Annotated[
+        str, typer.Option(help="simulated, or external: with --live, whatever speaks on the bus")
+    ] = "simulated",
+    plant_bus: Annotated[
+        str | None, typer.Option(metavar="BUS", help="with --device external: run its arm on this bus (dbc/plant.dbc)")
+    ] = None,
+    reset_command: Annotated[
+        str | None, typer.Option(metavar="COMMAND", help="with --device external: resets it, before each scenario")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="with --live: replace recordings that --out holds")] = False,
     as_json: Json = False,
 ) -> None:
     """Run scenarios and judge them; exit 1 when one fails, 2 for input that cannot be used."""
     from scenarios.format.collect import collect, located
+    from scenarios.live.external import external_device
     from scenarios.live.possible import live_bus
     from scenarios.runner import RunOptions, refuse_recorded, run_all, sort_out
     from scenarios.terminal import print_results, progress_bar
 
     spec = live_bus(bus, live=live, profile=profile)
+    external = external_device(device, plant_bus, reset_command, live=live)
     named = [path for path in map(located, paths) if not path.is_dir()]
-    found, skipped = sort_out(collect(paths), named, spec)
+    found, skipped = sort_out(collect(paths), named, spec, external=external is not None)
     if not found:
         raise InputError(
             f"none of {len(skipped)} scenarios can run live on {spec}: {skipped[0].file}: {skipped[0].why}"
         )
     if out is not None and spec is not None and not force:
         refuse_recorded(out, [scenario for _, scenario in found])
-    options = RunOptions(out, seed, 1 if profile else jobs, profile, spec)
+    options = RunOptions(out, seed, 1 if profile else jobs, profile, spec, external)
     with progress_bar(len(found), quiet=as_json) as progress:
         results = run_all(found, options, progress, skipped)
     passed = all(result.passed for result in results)

@@ -19,6 +19,7 @@ from hilbridge.files import write_whole
 from hilbridge.lease import end_with
 from scenarios.format.files import line_of, reseeded
 from scenarios.format.schema import Scenario
+from scenarios.live.external import External
 from scenarios.live.possible import impossible_live
 from scenarios.live.run import run_live
 from scenarios.lockstep.run import run_scenario
@@ -37,16 +38,17 @@ class RunOptions:
     jobs: int = 1
     profile: bool = False
     live: BusSpec | None = None  # the bus to run on with real processes, one scenario after the other
+    external: External | None = None  # the device is the user's own
 
 
 def sort_out(
-    found: Sequence[tuple[Path, Scenario]], named: Collection[Path], live: BusSpec | None
+    found: Sequence[tuple[Path, Scenario]], named: Collection[Path], live: BusSpec | None, *, external: bool = False
 ) -> tuple[list[tuple[Path, Scenario]], list[Skipped]]:
     """What can run, and what of a folder cannot live. Raises InputError for such a one among the files `named`."""
     able: list[tuple[Path, Scenario]] = []
     skipped: list[Skipped] = []
     for path, scenario in found:
-        cannot = None if live is None else impossible_live(scenario, live)
+        cannot = None if live is None else impossible_live(scenario, live, external=external)
         if cannot is None:
             able.append((path, scenario))
             continue
@@ -109,10 +111,13 @@ def _run_one(path: Path, scenario: Scenario, name: str, options: RunOptions) -> 
         if options.live is None:
             run = run_scenario(scenario, recording=recording, where=str(path), profile=options.profile)
         else:
-            run = run_live(scenario, options.live, recording=recording, where=str(path))
+            run = run_live(scenario, options.live, recording=recording, where=str(path), external=options.external)
     except InputError as error:
         return error
     live = [] if options.live is None else ["--live", "--bus", str(options.live)]
+    if options.external is not None:
+        plant = [] if options.external.plant_bus is None else ["--plant-bus", options.external.plant_bus]
+        live += ["--device", "external", *plant]
     replay = shlex.join(["hilscenario", "run", str(path), "--seed", str(scenario.seed), *live])
     page = ""
     if folder is not None:

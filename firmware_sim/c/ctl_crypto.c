@@ -5,79 +5,93 @@
 
 #define BLOCK 16U
 
+static uint8_t *put_u32(uint8_t *to, uint32_t value) {
+    for (int shift = 24; shift >= 0; shift -= 8) {
+        *to++ = (uint8_t)(value >> shift);
+    }
+    return to;
+}
+
 #ifndef CTL_OWN_AES
 
-static const uint8_t SBOX[256] = {
-    0x63, 0x7c, 0x77, 0x7b, 0xf2, 0x6b, 0x6f, 0xc5, 0x30, 0x01, 0x67, 0x2b, 0xfe, 0xd7, 0xab, 0x76,
-    0xca, 0x82, 0xc9, 0x7d, 0xfa, 0x59, 0x47, 0xf0, 0xad, 0xd4, 0xa2, 0xaf, 0x9c, 0xa4, 0x72, 0xc0,
-    0xb7, 0xfd, 0x93, 0x26, 0x36, 0x3f, 0xf7, 0xcc, 0x34, 0xa5, 0xe5, 0xf1, 0x71, 0xd8, 0x31, 0x15,
-    0x04, 0xc7, 0x23, 0xc3, 0x18, 0x96, 0x05, 0x9a, 0x07, 0x12, 0x80, 0xe2, 0xeb, 0x27, 0xb2, 0x75,
-    0x09, 0x83, 0x2c, 0x1a, 0x1b, 0x6e, 0x5a, 0xa0, 0x52, 0x3b, 0xd6, 0xb3, 0x29, 0xe3, 0x2f, 0x84,
-    0x53, 0xd1, 0x00, 0xed, 0x20, 0xfc, 0xb1, 0x5b, 0x6a, 0xcb, 0xbe, 0x39, 0x4a, 0x4c, 0x58, 0xcf,
-    0xd0, 0xef, 0xaa, 0xfb, 0x43, 0x4d, 0x33, 0x85, 0x45, 0xf9, 0x02, 0x7f, 0x50, 0x3c, 0x9f, 0xa8,
-    0x51, 0xa3, 0x40, 0x8f, 0x92, 0x9d, 0x38, 0xf5, 0xbc, 0xb6, 0xda, 0x21, 0x10, 0xff, 0xf3, 0xd2,
-    0xcd, 0x0c, 0x13, 0xec, 0x5f, 0x97, 0x44, 0x17, 0xc4, 0xa7, 0x7e, 0x3d, 0x64, 0x5d, 0x19, 0x73,
-    0x60, 0x81, 0x4f, 0xdc, 0x22, 0x2a, 0x90, 0x88, 0x46, 0xee, 0xb8, 0x14, 0xde, 0x5e, 0x0b, 0xdb,
-    0xe0, 0x32, 0x3a, 0x0a, 0x49, 0x06, 0x24, 0x5c, 0xc2, 0xd3, 0xac, 0x62, 0x91, 0x95, 0xe4, 0x79,
-    0xe7, 0xc8, 0x37, 0x6d, 0x8d, 0xd5, 0x4e, 0xa9, 0x6c, 0x56, 0xf4, 0xea, 0x65, 0x7a, 0xae, 0x08,
-    0xba, 0x78, 0x25, 0x2e, 0x1c, 0xa6, 0xb4, 0xc6, 0xe8, 0xdd, 0x74, 0x1f, 0x4b, 0xbd, 0x8b, 0x8a,
-    0x70, 0x3e, 0xb5, 0x66, 0x48, 0x03, 0xf6, 0x0e, 0x61, 0x35, 0x57, 0xb9, 0x86, 0xc1, 0x1d, 0x9e,
-    0xe1, 0xf8, 0x98, 0x11, 0x69, 0xd9, 0x8e, 0x94, 0x9b, 0x1e, 0x87, 0xe9, 0xce, 0x55, 0x28, 0xdf,
-    0x8c, 0xa1, 0x89, 0x0d, 0xbf, 0xe6, 0x42, 0x68, 0x41, 0x99, 0x2d, 0x0f, 0xb0, 0x54, 0xbb, 0x16,
+/* What a byte of the state gives to a column of the next: twice, once, once and three times its substitute. */
+#define DOUBLE(s) (((s) << 1 ^ ((s) >> 7) * 0x1BU) & 0xFFU)
+#define T(s) (DOUBLE((uint32_t)(s)) << 24 | (uint32_t)(s) << 16 | (uint32_t)(s) << 8 | (DOUBLE((uint32_t)(s)) ^ (uint32_t)(s)))
+static const uint32_t COLUMN[256] = {
+    T(0x63), T(0x7c), T(0x77), T(0x7b), T(0xf2), T(0x6b), T(0x6f), T(0xc5), T(0x30), T(0x01), T(0x67), T(0x2b),
+    T(0xfe), T(0xd7), T(0xab), T(0x76), T(0xca), T(0x82), T(0xc9), T(0x7d), T(0xfa), T(0x59), T(0x47), T(0xf0),
+    T(0xad), T(0xd4), T(0xa2), T(0xaf), T(0x9c), T(0xa4), T(0x72), T(0xc0), T(0xb7), T(0xfd), T(0x93), T(0x26),
+    T(0x36), T(0x3f), T(0xf7), T(0xcc), T(0x34), T(0xa5), T(0xe5), T(0xf1), T(0x71), T(0xd8), T(0x31), T(0x15),
+    T(0x04), T(0xc7), T(0x23), T(0xc3), T(0x18), T(0x96), T(0x05), T(0x9a), T(0x07), T(0x12), T(0x80), T(0xe2),
+    T(0xeb), T(0x27), T(0xb2), T(0x75), T(0x09), T(0x83), T(0x2c), T(0x1a), T(0x1b), T(0x6e), T(0x5a), T(0xa0),
+    T(0x52), T(0x3b), T(0xd6), T(0xb3), T(0x29), T(0xe3), T(0x2f), T(0x84), T(0x53), T(0xd1), T(0x00), T(0xed),
+    T(0x20), T(0xfc), T(0xb1), T(0x5b), T(0x6a), T(0xcb), T(0xbe), T(0x39), T(0x4a), T(0x4c), T(0x58), T(0xcf),
+    T(0xd0), T(0xef), T(0xaa), T(0xfb), T(0x43), T(0x4d), T(0x33), T(0x85), T(0x45), T(0xf9), T(0x02), T(0x7f),
+    T(0x50), T(0x3c), T(0x9f), T(0xa8), T(0x51), T(0xa3), T(0x40), T(0x8f), T(0x92), T(0x9d), T(0x38), T(0xf5),
+    T(0xbc), T(0xb6), T(0xda), T(0x21), T(0x10), T(0xff), T(0xf3), T(0xd2), T(0xcd), T(0x0c), T(0x13), T(0xec),
+    T(0x5f), T(0x97), T(0x44), T(0x17), T(0xc4), T(0xa7), T(0x7e), T(0x3d), T(0x64), T(0x5d), T(0x19), T(0x73),
+    T(0x60), T(0x81), T(0x4f), T(0xdc), T(0x22), T(0x2a), T(0x90), T(0x88), T(0x46), T(0xee), T(0xb8), T(0x14),
+    T(0xde), T(0x5e), T(0x0b), T(0xdb), T(0xe0), T(0x32), T(0x3a), T(0x0a), T(0x49), T(0x06), T(0x24), T(0x5c),
+    T(0xc2), T(0xd3), T(0xac), T(0x62), T(0x91), T(0x95), T(0xe4), T(0x79), T(0xe7), T(0xc8), T(0x37), T(0x6d),
+    T(0x8d), T(0xd5), T(0x4e), T(0xa9), T(0x6c), T(0x56), T(0xf4), T(0xea), T(0x65), T(0x7a), T(0xae), T(0x08),
+    T(0xba), T(0x78), T(0x25), T(0x2e), T(0x1c), T(0xa6), T(0xb4), T(0xc6), T(0xe8), T(0xdd), T(0x74), T(0x1f),
+    T(0x4b), T(0xbd), T(0x8b), T(0x8a), T(0x70), T(0x3e), T(0xb5), T(0x66), T(0x48), T(0x03), T(0xf6), T(0x0e),
+    T(0x61), T(0x35), T(0x57), T(0xb9), T(0x86), T(0xc1), T(0x1d), T(0x9e), T(0xe1), T(0xf8), T(0x98), T(0x11),
+    T(0x69), T(0xd9), T(0x8e), T(0x94), T(0x9b), T(0x1e), T(0x87), T(0xe9), T(0xce), T(0x55), T(0x28), T(0xdf),
+    T(0x8c), T(0xa1), T(0x89), T(0x0d), T(0xbf), T(0xe6), T(0x42), T(0x68), T(0x41), T(0x99), T(0x2d), T(0x0f),
+    T(0xb0), T(0x54), T(0xbb), T(0x16),
 };
 
-static uint8_t doubled(uint8_t byte) { return (uint8_t)((uint32_t)byte << 1 ^ (uint32_t)(byte >> 7) * 0x1BU); }
+static uint32_t byte_of(uint32_t word, uint32_t shift) { return word >> shift & 0xFFU; }
 
-static void add_key(uint8_t block[16], const uint8_t key[16]) {
-    for (size_t at = 0; at < BLOCK; at++) {
-        block[at] ^= key[at];
-    }
+static uint32_t turned(uint32_t word, uint32_t bits) { return word >> bits | word << (32U - bits); }
+
+static uint32_t substitute(uint32_t byte) { return byte_of(COLUMN[byte], 8); }
+
+static uint32_t word_at(const uint8_t *from) {
+    return (uint32_t)from[0] << 24 | (uint32_t)from[1] << 16 | (uint32_t)from[2] << 8 | from[3];
 }
 
 /* The round key of the next round, in place. */
-static void next_key(uint8_t key[16], uint8_t constant) {
-    key[0] ^= (uint8_t)(SBOX[key[13]] ^ constant);
-    key[1] ^= SBOX[key[14]];
-    key[2] ^= SBOX[key[15]];
-    key[3] ^= SBOX[key[12]];
-    for (size_t at = 4; at < BLOCK; at++) {
-        key[at] ^= key[at - 4];
+static void next_key(uint32_t key[4], uint32_t constant) {
+    uint32_t last = key[3];
+    key[0] ^= substitute(byte_of(last, 16)) << 24 | substitute(byte_of(last, 8)) << 16 |
+              substitute(byte_of(last, 0)) << 8 | substitute(byte_of(last, 24));
+    key[0] ^= constant << 24;
+    for (size_t at = 1; at < 4; at++) {
+        key[at] ^= key[at - 1];
     }
 }
 
-static void substitute_and_shift(uint8_t block[16]) {
-    uint8_t old[BLOCK];
-    memcpy(old, block, BLOCK);
-    for (size_t at = 0; at < BLOCK; at++) {
-        block[at] = SBOX[old[(at + 4 * (at % 4)) % BLOCK]];
-    }
+/* One column of the next state: substituted, shifted by rows, mixed. */
+static uint32_t mixed(const uint32_t state[4], size_t at) {
+    return COLUMN[byte_of(state[at], 24)] ^ turned(COLUMN[byte_of(state[(at + 1) % 4], 16)], 8) ^
+           turned(COLUMN[byte_of(state[(at + 2) % 4], 8)], 16) ^ turned(COLUMN[byte_of(state[(at + 3) % 4], 0)], 24);
 }
 
-static void mix(uint8_t block[16]) {
-    for (uint8_t *column = block; column < block + BLOCK; column += 4) {
-        uint8_t first = column[0];
-        uint8_t all = (uint8_t)(column[0] ^ column[1] ^ column[2] ^ column[3]);
-        for (size_t row = 0; row < 4; row++) {
-            uint8_t next = row < 3 ? column[row + 1] : first;
-            column[row] = (uint8_t)(column[row] ^ all ^ doubled((uint8_t)(column[row] ^ next)));
-        }
-    }
+/* The same in the last round, which does not mix. */
+static uint32_t shifted(const uint32_t state[4], size_t at) {
+    return substitute(byte_of(state[at], 24)) << 24 | substitute(byte_of(state[(at + 1) % 4], 16)) << 16 |
+           substitute(byte_of(state[(at + 2) % 4], 8)) << 8 | substitute(byte_of(state[(at + 3) % 4], 0));
 }
 
 void ctl_aes128(const uint8_t key[CTL_KEY_LENGTH], const uint8_t in[16], uint8_t out[16]) {
-    uint8_t round_key[BLOCK];
-    uint8_t constant = 1;
-    memcpy(round_key, key, BLOCK);
-    memmove(out, in, BLOCK);
-    add_key(out, round_key);
+    uint32_t round_key[4], state[4], next[4];
+    uint32_t constant = 1;
+    for (size_t at = 0; at < 4; at++) {
+        round_key[at] = word_at(key + 4 * at);
+        state[at] = word_at(in + 4 * at) ^ round_key[at];
+    }
     for (int round = 1; round <= 10; round++) {
-        substitute_and_shift(out);
-        if (round < 10) {
-            mix(out);
-        }
         next_key(round_key, constant);
-        constant = doubled(constant);
-        add_key(out, round_key);
+        constant = DOUBLE(constant);
+        for (size_t at = 0; at < 4; at++) {
+            next[at] = (round < 10 ? mixed(state, at) : shifted(state, at)) ^ round_key[at];
+        }
+        memcpy(state, next, sizeof state);
+    }
+    for (size_t at = 0; at < 4; at++) {
+        out = put_u32(out, state[at]);
     }
 }
 
@@ -92,11 +106,18 @@ static void subkey(uint8_t block[16]) {
     block[BLOCK - 1] ^= (uint8_t)(carried * 0x87U);
 }
 
-void ctl_cmac(const uint8_t key[CTL_KEY_LENGTH], const uint8_t *message, size_t length, uint8_t mac[16]) {
-    uint8_t last[BLOCK] = {0};
+void ctl_first_subkey(const uint8_t key[CTL_KEY_LENGTH], uint8_t first[16]) {
+    memset(first, 0, BLOCK);
+    ctl_aes128(key, first, first);
+    subkey(first);
+}
+
+/* CMAC, where the key's first subkey is known. */
+static void cmac_with(const uint8_t key[CTL_KEY_LENGTH], const uint8_t first[16], const uint8_t *message, size_t length,
+                      uint8_t mac[16]) {
+    uint8_t last[BLOCK];
+    memcpy(last, first, BLOCK);
     memset(mac, 0, BLOCK);
-    ctl_aes128(key, last, last);
-    subkey(last);
     while (length > BLOCK) {
         for (size_t at = 0; at < BLOCK; at++) {
             mac[at] ^= message[at];
@@ -118,11 +139,10 @@ void ctl_cmac(const uint8_t key[CTL_KEY_LENGTH], const uint8_t *message, size_t 
     ctl_aes128(key, mac, mac);
 }
 
-static uint8_t *put_u32(uint8_t *to, uint32_t value) {
-    for (int shift = 24; shift >= 0; shift -= 8) {
-        *to++ = (uint8_t)(value >> shift);
-    }
-    return to;
+void ctl_cmac(const uint8_t key[CTL_KEY_LENGTH], const uint8_t *message, size_t length, uint8_t mac[16]) {
+    uint8_t first[BLOCK];
+    ctl_first_subkey(key, first);
+    cmac_with(key, first, message, length, mac);
 }
 
 static uint8_t *put_id(uint8_t *to, uint32_t can_id) {
@@ -131,9 +151,7 @@ static uint8_t *put_id(uint8_t *to, uint32_t can_id) {
     return to;
 }
 
-static uint32_t truncated(const uint8_t key[CTL_KEY_LENGTH], const uint8_t *message, size_t length) {
-    uint8_t mac[BLOCK];
-    ctl_cmac(key, message, length, mac);
+static uint32_t truncated(const uint8_t mac[16]) {
     return (uint32_t)mac[0] << 24 | (uint32_t)mac[1] << 16 | (uint32_t)mac[2] << 8 | mac[3];
 }
 
@@ -150,23 +168,28 @@ void ctl_session_key(const ctl_state *state, uint8_t key[CTL_KEY_LENGTH]) {
     ctl_cmac(state->shared_key, message, sizeof message, key);
 }
 
-uint32_t ctl_act_mac(const ctl_state *state, uint32_t freshness, const uint8_t act_cmd[CTL_FRAME_LENGTH]) {
+uint32_t ctl_act_mac(const ctl_state *state, const uint8_t first[16], uint32_t freshness,
+                     const uint8_t act_cmd[CTL_FRAME_LENGTH]) {
+    uint8_t mac[BLOCK];
     uint8_t message[2 + 1 + 4 + CTL_FRAME_LENGTH];
     uint8_t *to = put_id(message, CTL_ACT_CMD);
     *to++ = state->session;
     to = put_u32(to, freshness);
     memcpy(to, act_cmd, CTL_FRAME_LENGTH);
-    return truncated(state->key, message, sizeof message);
+    cmac_with(state->key, first, message, sizeof message, mac);
+    return truncated(mac);
 }
 
 uint32_t ctl_arm_mac(const uint8_t key[CTL_KEY_LENGTH], const ctl_challenge *challenge) {
+    uint8_t mac[BLOCK];
     uint8_t message[2 + 1 + 1 + 8];
     uint8_t *to = put_id(message, CTL_ARM_RESPONSE);
     *to++ = challenge->purpose;
     *to++ = challenge->session;
     to = put_u32(to, challenge->bridge_nonce);
     (void)put_u32(to, challenge->device_nonce);
-    return truncated(key, message, sizeof message);
+    ctl_cmac(key, message, sizeof message, mac);
+    return truncated(mac);
 }
 
 uint64_t ctl_whole_freshness(uint8_t low_byte, uint32_t last) {

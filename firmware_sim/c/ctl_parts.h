@@ -8,7 +8,10 @@
 void ctl_aes128(const uint8_t key[CTL_KEY_LENGTH], const uint8_t in[16], uint8_t out[16]);
 void ctl_cmac(const uint8_t key[CTL_KEY_LENGTH], const uint8_t *message, size_t length, uint8_t mac[16]);
 void ctl_session_key(const ctl_state *state, uint8_t key[CTL_KEY_LENGTH]);
-uint32_t ctl_act_mac(const ctl_state *state, uint32_t freshness, const uint8_t act_cmd[CTL_FRAME_LENGTH]);
+/* `first` is the session key's first subkey: the same for all commands that one ACT_AUTH may be for. */
+void ctl_first_subkey(const uint8_t key[CTL_KEY_LENGTH], uint8_t first[16]);
+uint32_t ctl_act_mac(const ctl_state *state, const uint8_t first[16], uint32_t freshness,
+                     const uint8_t act_cmd[CTL_FRAME_LENGTH]);
 uint32_t ctl_arm_mac(const uint8_t key[CTL_KEY_LENGTH], const ctl_challenge *challenge);
 uint64_t ctl_whole_freshness(uint8_t low_byte, uint32_t last);
 

@@ -198,9 +198,11 @@ static bool recent(const ctl_command *command, int64_t now_ms) {
 
 /* The youngest of the recent commands that this MAC authorises. */
 static const ctl_command *meant_by(const ctl_state *state, uint32_t freshness, uint32_t mac, int64_t now_ms) {
+    uint8_t first[16];
+    ctl_first_subkey(state->key, first);
     for (size_t at = state->command_count; at > 0; at--) {
         const ctl_command *command = &state->commands[at - 1];
-        if (recent(command, now_ms) && mac == ctl_act_mac(state, freshness, command->data)) {
+        if (recent(command, now_ms) && mac == ctl_act_mac(state, first, freshness, command->data)) {
             return command;
         }
     }

@@ -6,8 +6,12 @@ HOLD is the default; ACT needs every condition below, in this order, and each HO
 2. a fresh estimate (age of its oldest input within `max_age_ns`);
 3. the most likely verb of the smoothed belief is one the device assists at all;
 4. that verb is among the `top_k` of the newest window (E5, filter ii);
-5. its smoothed, calibrated confidence reaches `tau_on` - or, once acting, stays at `tau_off` or above;
+5. its confidence, which is the smoothed probability as `maps` calibrates it, reaches `tau_on` - or, once acting, stays at
+   `tau_off` or above;
 6. the refractory time since the last switch is over.
+
+The maps are fitted on exactly this: the candidate's smoothed probability at every tick of streams at which the gate
+could act, against whether the candidate was right (`core.right`). So a threshold is a claim about what is compared with it.
 
 Hysteresis and refractory delay switches that confidence drives, in both directions. Everything in 1 and 2 acts at once.
 A change of verb is a switch to HOLD first; the new verb has to earn its own ACT after the refractory.
@@ -15,8 +19,10 @@ A change of verb is a switch to HOLD first; the new verb has to earn its own ACT
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
+from typing import Any
 
+from hilbridge.confidence import ConfidenceMaps
 from hilbridge.limits import MS, REFRACTORY_MS, SENSING_LIMIT_NS
 from hilbridge.records import Action, GateDecision, HoldReason, IntentEstimate
 from hilbridge.verbs import NEVER_ASSISTED
@@ -31,6 +37,7 @@ class GateConfig:
     top_k: the acting verb must be among so many of the newest window.
     refractory_ns: after any switch, confidence cannot switch again for so long.
     max_age_ns: oldest input an ACT may stand on (the contract: 150 ms).
+    maps: from smoothed probability to confidence, of the bundle in use.
 
     Raises ValueError naming the field, its value and what is allowed.
     """
@@ -41,6 +48,13 @@ class GateConfig:
     top_k: int = 3
     refractory_ns: int = REFRACTORY_MS * MS
     max_age_ns: int = SENSING_LIMIT_NS
+    maps: ConfidenceMaps = field(default_factory=ConfidenceMaps)
+
+    def settings(self) -> dict[str, Any]:
+        """Its numbers by name; the maps are the bundle's."""
+        numbers = asdict(self)
+        del numbers["maps"]
+        return numbers
 
     def __post_init__(self) -> None:
         if not 0.0 < self.tau_on <= 1.0:
@@ -90,7 +104,7 @@ def step(
     elif estimate.produced_ns == state.last_produced_ns:
         believed = state
     else:
-        smoothed = _smooth(config.alpha, state.smoothed, believable(estimate))
+        smoothed = smooth(config.alpha, state.smoothed, estimate.probabilities)
         believed = replace(state, smoothed=smoothed, last_produced_ns=estimate.produced_ns)
 
     if problem is not None or estimate is None:
@@ -102,7 +116,7 @@ def _decide(
     config: GateConfig, state: GateState, estimate: IntentEstimate, now_ns: int
 ) -> tuple[GateState, GateDecision]:
     candidate = max(range(len(state.smoothed)), key=state.smoothed.__getitem__)
-    confidence = state.smoothed[candidate]
+    confidence = config.maps.confidence(state.smoothed[candidate], estimate.condition)
     objection = _objection(config, state, estimate, candidate, confidence)
     acting = state.action is Action.ACT
     wants_switch = (objection is not None) if acting else (objection is None)
@@ -111,7 +125,8 @@ def _decide(
     if acting and (not wants_switch or resting):
         verb_index = state.verb_index
         assert verb_index is not None
-        return state, GateDecision(Action.ACT, verb_index, state.smoothed[verb_index], HoldReason.NONE)
+        kept = config.maps.confidence(state.smoothed[verb_index], estimate.condition)
+        return state, GateDecision(Action.ACT, verb_index, kept, HoldReason.NONE)
     if not acting and wants_switch and not resting:
         acted = replace(state, action=Action.ACT, verb_index=candidate, switched_ns=now_ns)
         return acted, GateDecision(Action.ACT, candidate, confidence, HoldReason.NONE)
@@ -158,24 +173,13 @@ def _unusable(estimate: IntentEstimate) -> bool:
     )
 
 
-def believable(estimate: IntentEstimate) -> tuple[float, ...]:
-    """Class probabilities with the top class at its calibrated confidence and no other class above it.
+def smooth(alpha: float, previous: tuple[float, ...], newest: tuple[float, ...]) -> tuple[float, ...]:
+    """Moving average whose first sample counts fully: a distribution from the first tick on.
 
-    Platt and isotonic calibrate the top class alone. What they take from it must not turn into belief in another verb,
-    so the rest is scaled to the remainder and capped; the sum may then stay below 1, which only holds more.
+    That no ACT follows a gap too soon is not left to it: sensing has to earn trust anew first (`core.sensing`).
     """
-    top = estimate.verb_index
-    raw_rest = 1.0 - estimate.probabilities[top]
-    scale = (1.0 - estimate.confidence) / raw_rest if raw_rest > 1e-12 else 0.0
-    capped = [min(estimate.confidence, probability * scale) for probability in estimate.probabilities]
-    capped[top] = estimate.confidence
-    return tuple(capped)
-
-
-def _smooth(alpha: float, previous: tuple[float, ...], newest: tuple[float, ...]) -> tuple[float, ...]:
-    """Exponential moving average that starts from zero, so that belief has to build up before the first ACT."""
     if len(previous) != len(newest):
-        previous = (0.0,) * len(newest)
+        return newest
     return tuple(alpha * new + (1.0 - alpha) * old for old, new in zip(previous, newest, strict=True))
 
 

@@ -9,25 +9,27 @@ import hashlib
 import json
 import struct
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from importlib.resources import files
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 from safetensors import SafetensorError
 from safetensors.numpy import load, save
 
+from hilbridge.confidence import MASKS, ConfidenceMaps, RisingMap
 from hilbridge.errors import InputError
 from hilbridge.features.layout import LAYOUT_HASH, D
 from hilbridge.files import write_whole
-from hilbridge.intent.calibration import ALL_VALID, Calibration, Method
+from hilbridge.intent.calibration import checked_temperatures
 from hilbridge.intent.gru import Weights
+from hilbridge.intent.provenance import Provenance, provenance_of
 from hilbridge.intent.vectors import MAX_DIFFERENCE, WINDOWS, Vectors, largest_difference
 from hilbridge.verbs import VERBS
 
-FORMAT = 2  # since 2 with test vectors
+FORMAT = 3  # since 2 with test vectors, since 3 with maps of what the gate compares, a curve and a sealed record
 MAX_BYTES = 64 << 20
 MAX_HIDDEN = 1024
 MAX_WEIGHT = 1e5
@@ -62,22 +64,50 @@ class Thresholds:
             raise ValueError(f"thresholds tau_on {self.tau_on}, tau_off {self.tau_off}: need 0 < tau_off < tau_on <= 1")
 
 
+class Replayed(NamedTuple):
+    """What the gate came to at `tau_on` on people that nothing was fitted on: act-only precision over all ticks, share of
+    ticks in ACT; of the `people` who act at all, the mean of each one's precision and its standard deviation."""
+
+    tau_on: float
+    precision: float
+    coverage: float
+    people: float
+    person_precision: float
+    person_spread: float
+
+
 @dataclass(frozen=True, slots=True)
 class Bundle:
     """A trained predictor. mean, std: (D,) training statistics of raw features; bundle_id: 16 bits of its hash.
 
-    vectors: what the network gave when it was trained; `load_bundle` compares.
+    temperatures: by mask of valid modalities. maps: from what the gate smooths to confidence. curve: the gate replayed at
+    rising tau_on, where it acts. vectors: what the network gave when it was trained; `load_bundle` compares.
+    person_spread: standard deviation over people of the log odds of being right; `hilbridge adapt` leans on it.
+    doubt: why the provenance that the file holds (or does not hold) cannot be believed.
     """
 
     weights: Weights
     mean: NDArray[np.float32]
     std: NDArray[np.float32]
     window_steps: int
-    calibration: Calibration
+    temperatures: Mapping[int, float]
+    maps: ConfidenceMaps
     thresholds: Thresholds
+    curve: tuple[Replayed, ...]
     vectors: Vectors
-    provenance: Mapping[str, Any] = field(default_factory=dict)
+    person_spread: float = 0.0
+    provenance: Provenance | None = None
+    doubt: str | None = None
     bundle_id: int = 0
+
+    def tau_for(self, precision: float) -> float | None:
+        """The lowest tau_on from which on the replayed gate reaches `precision`; None where none does."""
+        found = None
+        for point in reversed(self.curve):
+            if point.precision < precision:
+                break
+            found = point.tau_on
+        return found
 
 
 def demo_bundle_path() -> Path:
@@ -94,22 +124,31 @@ def save_bundle(bundle: Bundle, path: Path) -> Path:
     tensors["vector_values"] = np.ascontiguousarray(vectors.values, dtype=np.float32)
     tensors["vector_valid"] = np.ascontiguousarray(vectors.valid, dtype=np.float32)
     tensors["vector_logits"] = np.ascontiguousarray(vectors.logits, dtype=np.float32)
-    calibration = bundle.calibration
-    metadata = {
+    metadata: dict[str, Any] = {
         "format": FORMAT,
         "layout_hash": LAYOUT_HASH,
         "verbs": list(VERBS),
         "window_steps": bundle.window_steps,
-        "calibration": {
-            "method": str(calibration.method),
-            "temperatures": {str(mask): value for mask, value in sorted(calibration.temperatures.items())},
-            "platt": list(calibration.platt),
-            "isotonic": {str(mask): [list(x), list(y)] for mask, (x, y) in sorted(calibration.isotonic.items())},
-        },
+        "temperatures": {str(mask): value for mask, value in sorted(bundle.temperatures.items())},
+        "maps": {str(condition): [own.x, own.y] for condition, own in sorted(bundle.maps.by_condition.items())},
         "thresholds": {"tau_on": bundle.thresholds.tau_on, "tau_off": bundle.thresholds.tau_off},
-        "provenance": dict(bundle.provenance),
+        "curve": [list(point) for point in bundle.curve],
+        "person_spread": bundle.person_spread,
+        "provenance": None if bundle.provenance is None else bundle.provenance.as_json(),
     }
+    metadata["seal"] = seal_of(tensors, metadata)
     return write_whole(path, save(tensors, metadata={METADATA_KEY: json.dumps(metadata, sort_keys=True)}))
+
+
+def seal_of(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any]) -> str:
+    """SHA-256 over all that a bundle says and all of its tensors."""
+    said = {key: value for key, value in metadata.items() if key != "seal"}
+    digest = hashlib.sha256(json.dumps(said, sort_keys=True).encode())
+    for name in sorted(tensors):
+        array = np.ascontiguousarray(tensors[name])
+        digest.update(f"{name} {array.dtype} {array.shape}".encode())
+        digest.update(array.tobytes())
+    return digest.hexdigest()
 
 
 def load_bundle(path: Path | str) -> Bundle:
@@ -179,25 +218,61 @@ def _assemble(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any], 
             f"its network gives other logits than when it was trained (by {difference:.3g}, at most {MAX_DIFFERENCE:g}): "
             "tensors were exchanged or edited"
         )
-    raw = metadata["calibration"]
-    # Bundles written before there was a curve per set of modalities have one for all.
-    curves = raw.get("isotonic") or {str(ALL_VALID): (raw["isotonic_x"], raw["isotonic_y"])}
+    provenance, doubt = _provenance(tensors, metadata)
     return Bundle(
         weights,
         arrays["mean"],
         arrays["std"],
         window_steps,
-        Calibration(
-            Method(raw["method"]),
-            {int(mask): float(value) for mask, value in raw["temperatures"].items()},
-            (float(raw["platt"][0]), float(raw["platt"][1])),
-            {int(mask): (_floats(x), _floats(y)) for mask, (x, y) in curves.items()},
-        ),
+        checked_temperatures({int(mask): float(value) for mask, value in metadata["temperatures"].items()}),
+        _maps(metadata["maps"]),
         Thresholds(float(metadata["thresholds"]["tau_on"]), float(metadata["thresholds"]["tau_off"])),
+        _curve(metadata["curve"]),
         vectors,
-        dict(metadata["provenance"]),
+        _spread(metadata["person_spread"]),
+        provenance,
+        doubt,
         bundle_id,
     )
+
+
+def _provenance(
+    tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any]
+) -> tuple[Provenance | None, str | None]:
+    """The record and why it cannot be believed. Predicting needs none; acting on a physical bus does."""
+    raw = metadata.get("provenance")
+    if raw is None:
+        return None, "it has no provenance"
+    try:
+        record = provenance_of(raw)
+    except (ValueError, KeyError, TypeError, AttributeError, OverflowError) as error:
+        return None, f"its provenance cannot be read ({type(error).__name__}: {error})"[:160]
+    if metadata.get("seal") != seal_of(tensors, metadata):
+        return record, "it was edited after it was sealed"
+    return record, None
+
+
+def _spread(raw: Any) -> float:
+    if not 0.0 <= float(raw) <= 10.0:
+        raise BundleError(f"spread over people of {raw!r} log odds, expected 0 to 10")
+    return float(raw)
+
+
+def _maps(raw: Mapping[str, Any]) -> ConfidenceMaps:
+    made = ConfidenceMaps({int(condition): RisingMap(_floats(x), _floats(y)) for condition, (x, y) in raw.items()})
+    absent = [mask for mask in MASKS if mask not in made.by_condition]
+    if absent:
+        raise BundleError(f"no map for the modalities of mask {absent[0]}")
+    return made
+
+
+def _curve(raw: Sequence[Sequence[Any]]) -> tuple[Replayed, ...]:
+    made = tuple(Replayed(*_floats(point)) for point in raw)
+    if not all(0.0 <= number <= 1.0 or number == point.people >= 0.0 for point in made for number in point):
+        raise BundleError("its replayed curve has numbers outside of 0..1")
+    if [point.tau_on for point in made] != sorted({point.tau_on for point in made}):
+        raise BundleError("its replayed curve does not rise in tau_on")
+    return made
 
 
 def _checked(tensors: Mapping[str, NDArray[Any]], window_steps: int) -> dict[str, NDArray[np.float32]]:

@@ -6,7 +6,9 @@ from collections import deque
 
 import numpy as np
 
+from hilbridge.confidence import condition_of
 from hilbridge.intent.bundle import Bundle
+from hilbridge.intent.calibration import softmax
 from hilbridge.intent.gru import StreamingGru
 from hilbridge.intent.standardise import standardise
 from hilbridge.records import FeatureVector, IntentEstimate
@@ -36,19 +38,22 @@ class Predictor:
         logits = self._engine.step(x, any(vector.valid))
         if logits is None or self._engine.usable_steps() < MIN_USABLE_SHARE * self._bundle.window_steps:
             return None
-        probabilities, top, confidence = self._bundle.calibration.apply(logits, self.mask())
+        mask = self.mask()
+        probabilities = softmax(np.asarray(logits, dtype=np.float64) / self._bundle.temperatures.get(mask, 1.0))
+        top = int(logits.argmax())
         return IntentEstimate(
             oldest_input_ns=vector.oldest_input_ns,
             produced_ns=produced_ns,
             probabilities=tuple(probabilities.tolist()),
             verb_index=top,
-            confidence=confidence,
+            confidence=float(probabilities[top]),
             bundle_id=self._bundle.bundle_id,
             valid=vector.valid,
+            condition=condition_of(mask),
         )
 
     def mask(self) -> int:
-        """Bits of the modalities that are valid in at least half of the window: this set's temperature is used."""
+        """Bits of the modalities that are valid in at least half of the window: this set's temperature and map are used."""
         return sum(1 << bit for bit, count in enumerate(self._counts) if 2 * count >= max(1, len(self._valid)))
 
     def _remember(self, valid: tuple[bool, bool, bool]) -> None:

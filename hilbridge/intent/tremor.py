@@ -23,6 +23,10 @@ WINDOW_STEPS = 32
 MEDIAN_TO_SD = 1.4826  # of a Gaussian; for a sine the figure is a little above its standard deviation
 ON = 0.006  # picture widths; calm hands stay below in 96 % of steps, a tremor of 0.02 is above in 95 %
 OFF = 0.005
+STRONGER = (
+    0.012,
+    0.024,
+)  # where the second and third level of tremor begin; each ends at the same share below as the first
 
 
 class TremorGuard:
@@ -38,11 +42,11 @@ class TremorGuard:
         """Forget the hands."""
         self._channels = [_Channel() for _ in range(2 * MAX_HANDS)]
         self._steps = 0
-        self.trembling = False
-        self.level = 0.0
+        self.level = 0
+        self.size = 0.0
 
-    def update(self, vector: FeatureVector) -> bool:
-        """True while the hands tremble. Without valid hands the last judgement fades as its window empties."""
+    def update(self, vector: FeatureVector) -> int:
+        """The level of tremor, 0 while the hands are calm. Without valid hands it fades as the window empties."""
         channels, block = self._channels, vector.values[HANDS].tolist()
         for hand in range(MAX_HANDS):
             present, *position = block[5 * hand : 5 * hand + 3]
@@ -50,9 +54,18 @@ class TremorGuard:
                 channels[2 * hand + axis].update(position[axis] if present > 0.0 else None)
         self._steps += 1
         if self._steps >= WINDOW_STEPS:
-            self.level = max(channel.magnitudes.median for channel in channels) * MEDIAN_TO_SD
-            self.trembling = self.level > (self._off if self.trembling else self._on)
-        return self.trembling
+            self.size = max(channel.magnitudes.median for channel in channels) * MEDIAN_TO_SD
+            share = self._off / self._on
+            begins = (self._on, *STRONGER)
+            self.level = sum(
+                self.size > (start * share if self.level > below else start) for below, start in enumerate(begins)
+            )
+        return self.level
+
+    @property
+    def trembling(self) -> bool:
+        """Whether the hands tremble at all."""
+        return self.level > 0
 
 
 class _Channel:

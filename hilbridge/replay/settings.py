@@ -17,7 +17,7 @@ from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
 from hilbridge.limits import MS
 from hilbridge.rows import BundleRow, ConfigRow
 
-_NAMES = tuple(GateSection.model_fields)
+_NAMES = tuple(name for name in GateSection.model_fields if name != "precision")  # a bundle's, not a number of the gate
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ def settings_for(
     known = {field.name for field in fields(GateConfig)}
     values = {key: value for key, value in values.items() if key in known} | _laid_over(what_if)
     try:
-        return Settings(GateConfig(**values), loaded, same, tuple(what_if))
+        return Settings(GateConfig(**values, maps=loaded.maps), loaded, same, tuple(what_if))
     except (ValueError, TypeError) as error:
         raise InputError(f"replay of {name}: gate: {error}; give --what-if gate.tau_on=... that fits") from None
 

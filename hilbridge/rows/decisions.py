@@ -22,7 +22,7 @@ class TickRow:
     reason: HoldReason
     """Why the bridge holds; `none` under ACT."""
     confidence: float
-    """Smoothed confidence that the gate compares with its thresholds, 0..1, to the last bit."""
+    """What the gate compares with its thresholds, 0..1, to the last bit: smoothed, then calibrated."""
     verb: str | None = None
     """The assisted verb under ACT."""
     tau_on: float | None = None
@@ -33,7 +33,7 @@ class TickRow:
     top_verb: str | None = None
     """The likeliest verb of the newest belief (/belief has all of them)."""
     top_confidence: float | None = None
-    """Calibrated confidence in it, before smoothing."""
+    """Its probability, before smoothing."""
     gaze_valid: bool = False
     """Which modalities the newest features have."""
     hands_valid: bool = False
@@ -106,13 +106,15 @@ class BeliefRow:
     """The likeliest."""
     verb_index: int
     confidence: float
-    """Calibrated probability that `verb` is right."""
+    """Its probability."""
     probabilities: tuple[float, ...]
     """Of every verb in the order of the bundle (/bundle names them)."""
     bundle_id: int
     gaze_valid: bool
     hands_valid: bool
     scene_valid: bool
+    condition: int | None = None
+    """Which map of the bundle makes confidence of it: modalities of the window in bits 0 to 2, level of tremor above."""
 
 
 def belief_row(estimate: IntentEstimate, now_ns: int) -> BeliefRow:
@@ -127,6 +129,7 @@ def belief_row(estimate: IntentEstimate, now_ns: int) -> BeliefRow:
         estimate.probabilities,
         estimate.bundle_id,
         *estimate.valid,
+        estimate.condition,
     )
 
 
@@ -141,4 +144,5 @@ def estimate_of(row: BeliefRow) -> IntentEstimate:
         row.confidence,
         row.bundle_id,
         valid,
+        row.condition,
     )

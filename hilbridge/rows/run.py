@@ -134,3 +134,5 @@ class BundleRow:
     intent: str = "predictor"
     """Where beliefs came from: `predictor` (this bundle), `script`, `recording`."""
     provenance: dict[str, Any] | None = None
+    doubt: str | None = None
+    """Why the provenance cannot be believed."""

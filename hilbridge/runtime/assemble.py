@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import secrets
-from collections.abc import Callable, Mapping
+import time
+from collections.abc import Callable
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,8 +18,9 @@ from hilbridge.config import BusConfig, Config, GateSection
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.core.gate import GateConfig
 from hilbridge.errors import InputError
-from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
+from hilbridge.intent.bundle import Bundle, Thresholds, demo_bundle_path, load_bundle
 from hilbridge.intent.predictor import Predictor
+from hilbridge.intent.provenance import LEAST_PEOPLE, refusal
 from hilbridge.intent.tremor import TremorGuard
 from hilbridge.limits import MS
 from hilbridge.rows import EventRow, TickRow
@@ -34,8 +36,6 @@ from hilbridge.wire.secoc import Authenticator
 
 if TYPE_CHECKING:
     from collections.abc import AsyncIterator
-
-RECORDED_PEOPLE = "recorded people"
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,8 +58,9 @@ def read_parts(config: Config) -> Parts:
 
 def gate_config(section: GateSection, bundle: Bundle) -> GateConfig:
     """Thresholds that were asked for over those of the bundle. Raises InputError when they do not make a band."""
-    tau_on = section.tau_on if section.tau_on is not None else bundle.thresholds.tau_on
-    tau_off = section.tau_off if section.tau_off is not None else bundle.thresholds.tau_off
+    own = bundle.thresholds if section.precision is None else _thresholds_for(section.precision, bundle)
+    tau_on = section.tau_on if section.tau_on is not None else own.tau_on
+    tau_off = section.tau_off if section.tau_off is not None else own.tau_off
     try:
         return GateConfig(
             tau_on=tau_on,
@@ -68,9 +69,23 @@ def gate_config(section: GateSection, bundle: Bundle) -> GateConfig:
             top_k=section.top_k,
             refractory_ns=section.refractory_ms * MS,
             max_age_ns=section.max_age_ms * MS,
+            maps=bundle.maps,
         )
     except ValueError as error:
         raise InputError(f"gate: {error}; set both tau_on and tau_off (or neither: the bundle has them)") from None
+
+
+def _thresholds_for(precision: float, bundle: Bundle) -> Thresholds:
+    """The lowest tau_on from which on the bundle's replay reaches `precision`, with the bundle's own hysteresis."""
+    tau_on = bundle.tau_for(precision)
+    if tau_on is None:
+        best = max((point.precision for point in bundle.curve), default=0.0)
+        raise InputError(
+            f"gate.precision = {precision:g}: bundle {bundle.bundle_id:#06x} reaches {best:.3f} at most on people it has not "
+            "seen; ask for less, or train on more people"
+        )
+    band = bundle.thresholds.tau_on - bundle.thresholds.tau_off
+    return Thresholds(tau_on, max(0.02, round(tau_on - band, 6)))
 
 
 def open_port(config: BusConfig, on_change: Callable[[PortState], None] | None) -> BusPort:
@@ -88,33 +103,19 @@ def build_node(
     predict: Predicts | None = None,
 ) -> BridgeNode:
     """The node for a connected port. Raises InputError for a key that may not be used on it."""
-    refusal = arming_refusal(parts.bundle.provenance) if port.is_physical and config.arm else None
-    if refusal is not None:
-        raise InputError(
-            f"bundle {parts.bundle.bundle_id:#06x}: {refusal}, refused with --arm on a physical bus; give with --bundle one "
-            "whose provenance names recorded people, how many, and a certificate (docs/learning.md)"
-        )
+    if port.is_physical and config.arm:
+        why = refusal(parts.bundle.provenance, parts.bundle.doubt, parts.gate.tau_on, uncertified=config.uncertified)
+        if why is not None:
+            raise InputError(
+                f"bundle {parts.bundle.bundle_id:#06x}: {why}, refused with --arm on a physical bus; give with --bundle one "
+                f"trained on {LEAST_PEOPLE} recorded people or more (`hilbridge train --data`) and certified on others "
+                "(`hilbridge certify --data`)"
+            )
+        if config.uncertified:
+            on_event(time.monotonic_ns(), "UNCERTIFIED: this bench runs a threshold that nobody certified")
     key = load_key(Path(config.key_file) if config.key_file else None, physical=port.is_physical and config.arm)
     asked = BridgeConfig(arm=config.arm or not port.is_physical, listen_only=port.listen_only)
     return assemble_node(parts, key, lambda: secrets.randbits(32), asked, on_event, predict)
-
-
-def arming_refusal(provenance: Mapping[str, object]) -> str | None:
-    """Why a bundle of this provenance may not act on a physical bus; None where everything affirms that it may."""
-    trained_on = provenance.get("trained_on", "")
-    if provenance.get("origin") != RECORDED_PEOPLE or "simulated" in str(trained_on).lower():
-        return f"trained on {trained_on or 'nothing that it names'}, origin {provenance.get('origin')!r}"
-    people = provenance.get("people")
-    if type(people) is not int or people < 1:
-        return f"people = {people!r}"
-    certificate = provenance.get("certificate")
-    if not isinstance(certificate, Mapping) or not certificate.get("method"):
-        return f"certificate = {certificate!r}"
-    for name in ("precision", "delta"):
-        value = certificate.get(name)
-        if not isinstance(value, float) or not 0.0 < value < 1.0:
-            return f"certificate.{name} = {value!r}"
-    return None
 
 
 def assemble_node(

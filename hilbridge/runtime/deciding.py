@@ -6,8 +6,10 @@ bus's reason to hold, an overrun, the time. So the same recording and bundle giv
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import NamedTuple, Protocol
 
+from hilbridge.confidence import ALL_VALID, condition_of
 from hilbridge.core import gate
 from hilbridge.core.bridge import Command, sendable, sensing_age_ms
 from hilbridge.core.gate import GateConfig, GateState
@@ -31,7 +33,7 @@ class Predicts(Protocol):
 class GuardsAgainstTremor(Protocol):
     """What intent.tremor.TremorGuard provides."""
 
-    def update(self, vector: FeatureVector) -> bool: ...
+    def update(self, vector: FeatureVector) -> int: ...
 
 
 class Told(NamedTuple):
@@ -57,7 +59,7 @@ class Decider:
         self.sensing = Sensing()
         self.estimate: IntentEstimate | None = None
         self.vector: FeatureVector | None = None
-        self.tremor = False
+        self.tremor_level = 0
         self._predict = predict
         self._tremor_guard = tremor_guard
         self._gap: HoldReason | None = None
@@ -97,9 +99,21 @@ class Decider:
         if torn:
             self._predict.reset()
         self.vector = vector
-        self.estimate = self._predict.step(vector, now_ns)
-        self.tremor = self._tremor_guard.update(vector)
+        self.tremor_level = self._tremor_guard.update(vector)
+        estimate = self._predict.step(vector, now_ns)
+        if estimate is not None and estimate.condition is not None:
+            mask = estimate.condition & ALL_VALID
+            estimate = replace(estimate, condition=condition_of(mask, self.tremor_level))
+        self.estimate = estimate
         return torn
+
+    @property
+    def tremor(self) -> bool:
+        """Whether tremor forbids ACT: always where belief was never measured under it, else where no confidence could do."""
+        if not self.tremor_level:
+            return False
+        condition = None if self.estimate is None else self.estimate.condition
+        return condition is None or self.gate_config.maps.highest(condition) < self.gate_config.tau_on
 
     def _why_blind(self, told: Told, torn: bool) -> HoldReason | None:
         """Why sensing is not whole in this tick; asked whatever else forbids ACT."""

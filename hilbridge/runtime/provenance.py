@@ -7,7 +7,6 @@ import os
 import platform
 import subprocess
 import time
-from dataclasses import asdict
 from datetime import UTC, datetime
 from functools import cache
 from pathlib import Path
@@ -63,7 +62,7 @@ def _host_row(now_ns: int) -> HostRow:
 def config_row(settings: dict[str, Any], parts: Parts, now_ns: int) -> ConfigRow:
     """Settings as asked for, and the gate in force."""
     shown = {section: _without_keys(values) for section, values in settings.items()}
-    return ConfigRow(now_ns, {**shown, "gate_in_force": asdict(parts.gate)})
+    return ConfigRow(now_ns, {**shown, "gate_in_force": parts.gate.settings()})
 
 
 def _without_keys(values: Any) -> Any:
@@ -88,7 +87,8 @@ def bundle_row(parts: Parts, now_ns: int, intent: str = "predictor") -> BundleRo
         parts.gate.tau_on,
         parts.gate.tau_off,
         intent,
-        dict(parts.bundle.provenance),
+        None if parts.bundle.provenance is None else parts.bundle.provenance.as_json(),
+        parts.bundle.doubt,
     )
 
 

@@ -13,10 +13,12 @@ from functools import lru_cache
 
 import numpy as np
 
+from hilbridge.core.right import is_right
 from hilbridge.limits import MS
 from hilbridge.records import CameraFrame, GazeSample, Hand, HandTracks, StampSource
 from hilbridge.wearer.noise import Noise
 from hilbridge.wearer.render import Scene, draw
+from hilbridge.wearer.shaking import Shaking, Tremor
 from hilbridge.wearer.timeline import COLOURS, DEMO, Difficulty, Event, Timeline
 
 Point = tuple[float, float]
@@ -36,15 +38,6 @@ SLOTS: tuple[Point, ...] = ((0.2, 0.3), (0.5, 0.25), (0.8, 0.3), (0.25, 0.58), (
 
 
 @dataclass(frozen=True, slots=True)
-class Tremor:
-    """An involuntary oscillation of the hands and the arm: frequency and amplitude (picture widths, degrees)."""
-
-    hz: float
-    amplitude: float = 0.02
-    arm_deg: float = 3.0
-
-
-@dataclass(frozen=True, slots=True)
 class Truth:
     """What is really going on at one moment; verbs are class indices.
 
@@ -59,7 +52,7 @@ class Truth:
 
     def is_right(self, verb_index: int) -> bool:
         """True when assisting `verb_index` now is what the person wants: preparing it or in the middle of it."""
-        return verb_index in (self.current, self.intended)
+        return is_right(verb_index, self.current, self.intended)
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +102,7 @@ class Wearer:
         height_px: int = 240,
     ) -> None:
         self._seed = seed
-        self._tremor = tremor
+        self._shaking = Shaking(tremor, seed)
         self._size = (width_px, height_px)
         self._timeline = Timeline(seed, difficulty)
         self._gaze_noise, self._hand_noise = Noise(seed, 3), Noise(seed, 6)
@@ -159,6 +152,7 @@ class Wearer:
         else:
             x, y = SLOTS[after_it if busy else elsewhere]
         sway = self._sway(t_ns)
+        x, y = (at + jerk for at, jerk in zip((x, y), self._shaking.gaze(t_ns), strict=True))
         blink = _blinks(self._seed, t_ns // (160 * MS))
         return GazeSample(
             t_ns,
@@ -174,8 +168,8 @@ class Wearer:
         jitter = ((left_x, left_y), (right_x, right_y))
         found = [
             Hand(x + 0.005 * dx, y + 0.005 * dy, 0.9)
-            for (x, y), (dx, dy), miss in zip(self._palms(t_ns), jitter, missed, strict=True)
-            if miss <= 2.3
+            for side, ((x, y), (dx, dy), miss) in enumerate(zip(self._palms(t_ns), jitter, missed, strict=True))
+            if miss <= 2.3 and not self._shaking.loses(side, t_ns)
         ]
         return HandTracks(t_ns, tuple(found))
 
@@ -200,9 +194,7 @@ class Wearer:
     def _elbow(self, t_ns: int) -> float:
         palm_y = min(y for _, y in self._voluntary_palms(t_ns))
         angle = 30.0 + 120.0 * (0.95 - palm_y)
-        if self._tremor is not None:
-            angle += self._tremor.arm_deg * math.sin(2.0 * math.pi * self._tremor.hz * t_ns * 1e-9)
-        return angle
+        return angle + self._shaking.arm_deg(t_ns)
 
     def _palms(self, t_ns: int) -> tuple[Point, Point]:
         # The picture and what is detected in it ask for the same moment.
@@ -211,17 +203,13 @@ class Wearer:
         return self._last_palms[1]
 
     def _palms_at(self, t_ns: int) -> tuple[Point, Point]:
-        palms = self._voluntary_palms(t_ns)
-        if self._tremor is None:
-            return palms
-        angle = 2.0 * math.pi * self._tremor.hz * t_ns * 1e-9
-        (ax, ay), (bx, by) = palms
-        swing, cross = self._tremor.amplitude * math.sin(angle), 0.5 * self._tremor.amplitude * math.sin(angle + 1.0)
-        return ((ax + swing, ay + cross), (bx + swing, by - cross))
+        (ax, ay), (bx, by) = self._voluntary_palms(t_ns)
+        (left_x, left_y), (right_x, right_y) = self._shaking.hands(t_ns)
+        return (ax + left_x, ay + left_y), (bx + right_x, by + right_y)
 
     def _voluntary_palms(self, t_ns: int) -> tuple[Point, Point]:
         segment = self._segment(t_ns)
-        share = self._blend(t_ns, segment)
+        share = self._blend(t_ns, segment) + self._shaking.overshoot(t_ns - segment.from_ns)
         old, new = self._targets(self._previous(t_ns)), self._targets(segment.event)
         drift = self._sway(t_ns)
         palms = []
@@ -256,7 +244,8 @@ class Wearer:
         p = self._phases
         x = 0.010 * math.sin(0.9 * t_s + p[0]) + 0.006 * math.sin(2.3 * t_s + p[1])
         y = 0.008 * math.sin(0.7 * t_s + p[2]) + 0.005 * math.sin(1.9 * t_s + p[3])
-        return x, y
+        head_x, head_y = self._shaking.head(t_ns)
+        return x + head_x, y + head_y
 
     def _blend(self, t_ns: int, segment: _Segment) -> float:
         """How far the body has moved on to this segment: minimum-jerk from 0 to 1 within 0.6 s."""

@@ -44,6 +44,7 @@ class DevicePart(_Part):
 
     clock_ppm: Annotated[float, Field(ge=-500.0, le=500.0)] = 40.0
     arm: Literal["still", "reach", "sway"] = "sway"  # what the wearer's elbow does meanwhile
+    reset_command: str | None = None  # resets a device under test (`--device external`)
 
 
 class GatePart(_Part):

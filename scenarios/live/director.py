@@ -22,11 +22,12 @@ from scenarios.format.vocabulary import INTRUDER_FAULTS, WIRE_FAULTS
 from scenarios.live.bridge_life import AWAY, BridgeLife
 from scenarios.live.clock import LiveClock
 from scenarios.live.device_world import DeviceWorld
+from scenarios.live.external import External, ExternalDevice, refuse_silence, reset
 from scenarios.live.intruder import LiveIntruder
 from scenarios.live.logs.bridge import missing_ticks
 from scenarios.live.logs.device import Ages, device_now
 from scenarios.live.logs.happened import Happened
-from scenarios.live.processes import DeviceHandle, LiveProcess, await_ready
+from scenarios.live.processes import BridgeHandle, DeviceHandle, LiveProcess, await_ready
 from scenarios.live.wire import SimulatedWire
 from scenarios.signals.bridge import absent_bridge, bridge_signals
 from scenarios.signals.device import DeviceLine, device_line
@@ -41,6 +42,8 @@ _LEAD_NS = 200 * MS  # between `go` and the scenario's time 0
 _GRACE_S = 60.0  # how much longer than the scenario a forgotten device lives
 _SETTLE_NS = 100 * MS
 _ASKS_FOR_QUIET_S = 0.15
+_LISTENS_S = 0.6
+_RESETS_S = 1.0
 _SOON_NS = 5 * MS
 _PUSH_NS = 10 * MS
 _WATCH_NS = 50 * MS
@@ -49,7 +52,8 @@ _WATCH_NS = 50 * MS
 class Director:
     """One live run. `run()` once; `happened` and `board` tell what came of it. Times are from the scenario's 0, in ns."""
 
-    def __init__(self, scenario: Scenario, spec: BusSpec, folder: Path) -> None:
+    def __init__(self, scenario: Scenario, spec: BusSpec, folder: Path, external: External | None = None) -> None:
+        self._external = external
         self.scenario, self.spec, self.folder = scenario, own_bus(scenario, spec), folder
         self.board = FaultBoard(scenario.steps)
         self.happened = Happened()
@@ -59,7 +63,7 @@ class Director:
         self._player = Player(self.board, self._clock, self)
         self._wire: SimulatedWire | None = None
         self._intruder: LiveIntruder | None = None
-        self._device: DeviceHandle | None = None
+        self._device: DeviceHandle | ExternalDevice | None = None
         self._bridge: BridgeLife | None = None
         self._world = DeviceWorld(self.board, self._command)
         self._effects_before = [0] * len(scenario.steps)  # of bridge processes that have ended
@@ -80,11 +84,21 @@ class Director:
     def _open(self) -> None:
         if self.spec.interface == "hilsim":
             self._wire = SimulatedWire(self.spec.channel, self.scenario.bus, self.scenario.seed)
+        if self._external is not None and self._external.reset_command is not None:
+            reset(self._external.reset_command)
+            time.sleep(_RESETS_S)
         self._refuse_company()
         seconds = self.scenario.duration / 1e9
-        self._device = DeviceHandle(self.spec, self.folder, self.scenario.device.arm, seconds + _GRACE_S)
+        arm = self.scenario.device.arm
+        handles: list[BridgeHandle | DeviceHandle] = []
+        if self._external is None:
+            handles.append(device := DeviceHandle(self.spec, self.folder, arm, seconds + _GRACE_S))
+            self._device = device
+        else:
+            command = self._external.reset_command or self.scenario.device.reset_command
+            self._device = ExternalDevice(self.spec, self._external, arm, command, self.folder)
         self._bridge = BridgeLife(self.scenario, self.spec, self.folder)
-        await_ready(self._device, self._bridge.handle)
+        await_ready(*handles, self._bridge.handle)
         if any(step.fault in INTRUDER_FAULTS for step in self.scenario.steps):
             self._intruder = LiveIntruder(device_spec(str(self.spec)), self.scenario.seed)
         self.happened.start_ns = self._clock.start_ns = time.monotonic_ns() + _LEAD_NS
@@ -94,10 +108,13 @@ class Director:
         """Another bridge or device on the same bus would be judged along with ours."""
         bus = Attachment(device_spec(str(self.spec)))
         try:
-            time.sleep(_ASKS_FOR_QUIET_S)
+            time.sleep(_ASKS_FOR_QUIET_S if self._external is None else _LISTENS_S)
             heard = bus.read(time.monotonic_ns())
         finally:
             bus.close()
+        if self._external is not None:
+            refuse_silence(self.spec, {arrival.frame.can_id: arrival.frame.data for arrival in heard})
+            return
         if heard:
             can_id = heard[0].frame.can_id
             raise InputError(
@@ -128,7 +145,7 @@ class Director:
         happened = self.happened
         # The bridge first: a device without a bridge falls back to following, as it must.
         handles = [self._bridge.handle if self._bridge else None, self._device]
-        processes: list[LiveProcess] = [handle for handle in handles if handle is not None]
+        processes: list[LiveProcess | ExternalDevice] = [handle for handle in handles if handle is not None]
         for process in processes:
             on_purpose = process is not self._device and self._bridge is not None and self._bridge.dead
             if not process.alive and not on_purpose:

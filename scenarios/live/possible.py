@@ -10,6 +10,8 @@ from hilbridge.bus.port.spec import BusSpec, parse_spec
 from hilbridge.errors import InputError
 from scenarios.format.schema import BusPart, DevicePart, Scenario, Session
 from scenarios.format.vocabulary import WIRE_FAULTS
+from scenarios.world.arm import PUSHING
+from scenarios.world.device_faults import RESTART
 
 # A wire that can be broken or full: the simulated bus's own. A kernel's vcan has none.
 _NEED_A_WIRE = (*WIRE_FAULTS, "bus.babble")
@@ -22,8 +24,10 @@ class Impossible(NamedTuple):
     why: str
 
 
-def impossible_live(scenario: Scenario, spec: BusSpec) -> Impossible | None:
-    """The first thing that cannot be had live on this bus, or None."""
+def impossible_live(scenario: Scenario, spec: BusSpec, *, external: bool = False) -> Impossible | None:
+    """The first thing that cannot be had live on this bus, or None; `external`: with a device of the user's own."""
+    if external and (found := _impossible_outside(scenario)) is not None:
+        return found
     simulated = spec.interface == "hilsim"
     for number, step in enumerate(scenario.steps):
         where = ("steps", number, "fault")
@@ -43,6 +47,19 @@ def impossible_live(scenario: Scenario, spec: BusSpec) -> Impossible | None:
         return Impossible(("intent", "folder"), why)
     if scenario.device.clock_ppm != DevicePart().clock_ppm:
         return Impossible(("device", "clock_ppm"), "a live device runs on this computer's clock; leave --live out")
+    return None
+
+
+def _impossible_outside(scenario: Scenario) -> Impossible | None:
+    """The first fault that nobody can tell a device of the user's own."""
+    for number, step in enumerate(scenario.steps):
+        where = ("steps", number, "fault")
+        if step.fault == RESTART:
+            if scenario.device.reset_command is None:
+                why = f"`{RESTART}` needs `device.reset_command`, a command that resets your device"
+                return Impossible(where, why)
+        elif step.fault.startswith("device.") or step.fault in PUSHING:
+            return Impossible(where, f"`{step.fault}` is within the device or its arm, which is external; leave it out")
     return None
 
 

@@ -16,6 +16,7 @@ from hilbridge.observe.signals import SignalRows
 from hilbridge.rows import BundleRow, ConfigRow, CountersRow, DeviceRow, EventRow, HostRow, MetaRow, Row, shifted
 from scenarios.format.schema import Expectation, Scenario
 from scenarios.live.director import Director
+from scenarios.live.external import External
 from scenarios.live.logs.bridge import put_bridge
 from scenarios.live.logs.device import assist_figures, device_columns
 from scenarios.live.logs.happened import Happened
@@ -32,23 +33,36 @@ from scenarios.world.parts import codec
 LIVE_MARGIN_MS = {"zero_after_fault_ms": 50.0}
 
 
-def run_live(scenario: Scenario, spec: BusSpec, *, recording: Path | None = None, where: str = "scenario") -> Run:
+def run_live(
+    scenario: Scenario,
+    spec: BusSpec,
+    *,
+    recording: Path | None = None,
+    where: str = "scenario",
+    external: External | None = None,
+) -> Run:
     """Run with real processes in real time and judge. Raises InputError for a bus or process that cannot be had."""
     began_s = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="hilscenario-") as folder:
-        director = Director(scenario, spec, Path(folder))
+        director = Director(scenario, spec, Path(folder), external)
         director.run()
     happened = director.happened
     if recording is not None:
         write_recording(scenario, spec, happened, recording)
     faults = tuple(FaultCount(*row) for row in director.board.effects())
-    return judge_live(scenario, happened, faults, time.monotonic() - began_s, where)
+    return judge_live(scenario, happened, faults, time.monotonic() - began_s, where, by_bus=external is not None)
 
 
 def judge_live(
-    scenario: Scenario, happened: Happened, faults: tuple[FaultCount, ...], took_s: float, where: str
+    scenario: Scenario,
+    happened: Happened,
+    faults: tuple[FaultCount, ...],
+    took_s: float,
+    where: str,
+    *,
+    by_bus: bool = False,
 ) -> Run:
-    """Signals, figures and verdicts of what was recorded."""
+    """Signals, figures and verdicts of what was recorded; `by_bus`: the device was heard, not read."""
     if not happened.device_lines:
         raise InputError(f"{where}: the device's log is empty; is the disk full?")
     seconds = scenario.duration / 1e9
@@ -66,7 +80,7 @@ def judge_live(
     }
     expected = tuple(with_margin(expectation) for expectation in scenario.expect)
     judgements = judged(expected, trace, figures, safety=False, where=where)
-    judgements += judged(safety_expectations(live=True), trace, figures, safety=True, where=where)
+    judgements += judged(safety_expectations(live=True, by_bus=by_bus), trace, figures, safety=True, where=where)
     judgements += (_all_lived(happened),)
     result = Result(scenario.name, scenario.seed, judgements, faults, figures, seconds, took_s, live=True)
     return Run(result, trace, ticks, scenario)

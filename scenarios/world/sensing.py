@@ -16,7 +16,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from hilbridge.records import CameraFrame, GazeSample, Hand, HandTracks
-from hilbridge.wearer.person import Tremor, Wearer
+from hilbridge.wearer.person import Wearer
+from hilbridge.wearer.shaking import Tremor
 from hilbridge.wearer.timeline import BENCHMARK, DEMO
 from scenarios.format.schema import Scenario, Session
 from scenarios.world.fault_board import Active, FaultBoard

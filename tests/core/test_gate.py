@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from hilbridge.confidence import ConfidenceMaps, RisingMap
 from hilbridge.core import gate
 from hilbridge.core.gate import GateConfig, GateState
 from hilbridge.limits import MS
@@ -169,21 +170,21 @@ def test_top_k_filter_looks_at_the_newest_window() -> None:
     assert gate.step(config, state, tied, now)[1].action is Action.ACT
 
 
-def test_smoothing_starts_from_zero_and_weighs_the_newest_by_alpha() -> None:
+def test_the_first_sample_counts_fully_and_later_ones_by_alpha() -> None:
     config = replace(CONFIG, alpha=0.2)
-    state, decisions = run(config, [estimate(i * TICK, TAKE, 1.0) for i in range(8)])
-    assert [decision.action for decision in decisions].index(Action.ACT) == 5  # 1 - 0.8**6 = 0.738 >= 0.7
-    assert state.smoothed[TAKE] == pytest.approx(1 - 0.8**8)
+    state, decisions = run(config, [estimate(0, TAKE, 0.9), *(estimate(i * TICK, TAKE, 0.4) for i in range(1, 4))])
+    assert decisions[0].action is Action.ACT
+    assert state.smoothed[TAKE] == pytest.approx(0.4 + 0.5 * 0.8**3)
 
 
 def test_the_same_estimate_is_smoothed_once() -> None:
     config = replace(CONFIG, alpha=0.2)
-    only = estimate(0, TAKE, 1.0, age_ns=0)
-    state = GateState()
-    for now in range(0, 150 * MS, MS):
+    state, _ = run(config, [estimate(0, TAKE, 0.2)])
+    only = estimate(TICK, TAKE, 1.0, age_ns=0)
+    for now in range(TICK, 150 * MS, MS):
         state, decision = gate.step(config, state, only, now)
         assert decision.action is Action.HOLD
-    assert state.smoothed[TAKE] == pytest.approx(0.2)
+    assert state.smoothed[TAKE] == pytest.approx(0.36)
 
 
 @pytest.mark.parametrize("veto", [None, *(reason for reason in HoldReason if reason is not HoldReason.NONE)])
@@ -194,7 +195,7 @@ def test_h8_belief_is_forgotten_in_a_gap_of_sensing_whichever_veto_is_named(veto
     seeing, _ = gate.step(config, state, estimate(now, TAKE, 1.0), now, veto)
     blind, held = gate.step(config, state, estimate(now, TAKE, 1.0), now, veto, blind=HoldReason.OVERRUN)
     stale, _ = gate.step(config, state, estimate(now, TAKE, 1.0, age_ns=200 * MS), now, veto)
-    assert seeing.smoothed[TAKE] == pytest.approx(1 - 0.8**6)
+    assert seeing.smoothed[TAKE] == pytest.approx(1.0)
     assert (blind.smoothed, stale.smoothed) == ((), ())
     assert held.reason is (veto or HoldReason.OVERRUN)
 
@@ -203,16 +204,42 @@ def test_another_number_of_classes_starts_the_belief_anew() -> None:
     state, _ = run(replace(CONFIG, alpha=0.5), [estimate(0, TAKE, 0.9)])
     state, _ = gate.step(replace(CONFIG, alpha=0.5), state, estimate(TICK, TAKE, 0.9, k=5), TICK)
     assert len(state.smoothed) == 5
-    assert state.smoothed[TAKE] == pytest.approx(0.45)
+    assert state.smoothed[TAKE] == pytest.approx(0.9)
 
 
-def test_calibrating_the_top_class_down_gives_no_belief_to_others() -> None:
-    row = replace(estimate(0), probabilities=(0.6, 0.4), verb_index=0, confidence=0.1)
-    assert gate.believable(row) == (0.1, 0.1)
-    certain = replace(estimate(0), probabilities=(1.0, 0.0), verb_index=0, confidence=0.8)
-    assert gate.believable(certain) == (0.8, 0.0)
-    raised = replace(estimate(0), probabilities=(0.5, 0.3, 0.2), verb_index=0, confidence=0.75)
-    assert gate.believable(raised) == pytest.approx((0.75, 0.15, 0.1))
+MAPS = ConfidenceMaps({7: RisingMap((0.0, 0.5, 1.0), (0.0, 0.1, 0.8)), 3: RisingMap((0.0, 1.0), (0.0, 0.6))})
+
+
+def under(condition: int | None, probability: float) -> GateDecision:
+    row = replace(estimate(0, TAKE, probability), condition=condition)
+    return gate.step(replace(CONFIG, maps=MAPS), GateState(), row, 0)[1]
+
+
+def test_thresholds_are_compared_with_what_the_map_of_the_condition_makes_of_it() -> None:
+    assert under(None, 0.9) == GateDecision(Action.ACT, TAKE, 0.9, HoldReason.NONE)
+    assert under(7, 0.9).confidence == pytest.approx(0.1 + 0.8 * 0.7)
+    assert under(7, 0.9).reason is HoldReason.CONFIDENCE
+    assert under(7, 0.95).action is Action.ACT
+    assert under(3, 1.0).confidence == pytest.approx(0.6)
+
+
+def test_h1_a_condition_that_nobody_measured_is_never_acted_on() -> None:
+    assert under(5, 1.0) == GateDecision(Action.HOLD, None, 0.0, HoldReason.CONFIDENCE)
+
+
+def test_what_is_reported_while_a_switch_waits_is_the_assisted_verbs_confidence() -> None:
+    config = replace(CONFIG, maps=MAPS)
+    state, _ = gate.step(config, GateState(), replace(estimate(0, TAKE, 0.95), condition=7), 0)
+    other = replace(estimate(1, PUT, 0.8), condition=7)
+    _, decision = gate.step(config, state, other, 1)
+    assert (decision.action, decision.verb_index) == (Action.ACT, TAKE)
+    assert decision.confidence == pytest.approx(0.2 * 0.01, abs=1e-3)
+
+
+def test_the_settings_of_a_gate_are_plain_numbers() -> None:
+    settings = replace(CONFIG, maps=MAPS).settings()
+    assert settings["tau_on"] == 0.7
+    assert all(isinstance(value, int | float) for value in settings.values())
 
 
 @pytest.mark.parametrize(
@@ -279,8 +306,3 @@ def test_h1_h7_properties_hold_on_any_stream(
         if decision.action is not was:
             last_switch = now
         was = decision.action
-
-
-def test_all_but_certainty_leaves_nothing_for_another_verb() -> None:
-    row = replace(estimate(0), probabilities=(1.0 - 1e-13, 1e-13, *(0.0,) * (len(VERBS) - 2)), confidence=0.8)
-    assert gate.believable(row) == (0.8, *(0.0,) * (len(VERBS) - 1))

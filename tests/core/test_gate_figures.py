@@ -1,4 +1,4 @@
-"""core.gate_figures: each figure by its one definition, and what must hold of any run."""
+"""core.gate_figures and core.right: each figure by its one definition, and what must hold of any run."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from hilbridge.core.gate_figures import GateTick, gate_figures
+from hilbridge.core.right import COMING_NS, coming, is_right
 
 HOLD = GateTick(None, None)
 TAKE, TAKE_WRONG, TAKE_UNKNOWN = GateTick("Take", True), GateTick("Take", False), GateTick("Take", None)
@@ -52,3 +53,20 @@ def test_counts_of_any_run_fit_together(ticks: list[GateTick]) -> None:
     assert 0.0 <= figures.coverage <= 1.0
     if ticks:
         assert figures.coverage == pytest.approx(figures.act_ticks / len(ticks))
+
+
+def test_a_verb_is_right_under_way_or_prepared_and_idle_is_wrong() -> None:
+    assert is_right(0, 0, None)
+    assert is_right(1, 0, 1)
+    assert not is_right(2, 0, 1)
+    assert not is_right(0, None, None)
+
+
+@pytest.mark.parametrize(
+    ("until_ns", "expected"), [(-1, None), (0, 1), (COMING_NS, 1), (COMING_NS + 1, None), (None, None)]
+)
+def test_without_labels_of_preparation_a_verb_is_coming_for_a_second(
+    until_ns: int | None, expected: int | None
+) -> None:
+    assert coming(1, until_ns) == expected
+    assert coming(None, until_ns) is None

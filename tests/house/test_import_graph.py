@@ -12,7 +12,7 @@ import pytest
 from tests.tools.import_graph import between_children, build, cycle
 
 GRAPH = build()
-GROUND = {"records", "rows", "verbs", "errors", "priority", "limits", "lease", "guard", "files"}
+GROUND = {"records", "rows", "verbs", "errors", "priority", "limits", "lease", "guard", "files", "confidence"}
 
 # Room -> what it may import beside the ground and itself.
 MAY_IMPORT: dict[str, set[str]] = {
@@ -24,13 +24,14 @@ MAY_IMPORT: dict[str, set[str]] = {
     "config": set(),
     "bus": {"wire"},
     "sensors": set(),
-    "wearer": set(),
+    "wearer": {"core"},
     "runtime": {"bus", "config", "core", "features", "intent", "sensors", "wearer", "wire"},
     "learning": {"core", "features", "intent", "sensors", "wearer"},
     "observe": {"core", "features", "sensors", "wire"},
     "labels": {"observe"},
     "run": {"config", "labels", "observe", "runtime"},
     "exchange": {"bus", "observe", "wire"},
+    "people": {"wearer", "core", "features", "intent", "labels", "learning", "observe", "sensors"},
     "check": {"doctor_sensors", "runtime"},
     "doctor": {"bus", "config", "core", "doctor_sensors", "intent", "observe", "sensors", "wire"},
     "doctor_sensors": {"sensors"},
@@ -40,9 +41,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "cli_record": {"align", "labels", "observe", "replay", "terminal"},
     "demo": {"bus", "config", "core", "observe", "run", "runtime", "wearer"},
     "terminal": {"core", "doctor", "observe", "run", "runtime"},
-    "cli_bus": {"bus", "config", "wire"},
+    "conformance": {"intent", "bus", "config", "core", "runtime", "wire"},
+    "cli_bus": {"bus", "config", "conformance", "runtime", "wire"},
     "cli_exchange": {"exchange", "terminal"},
-    "cli_learning": {"intent", "learning", "terminal"},
+    "cli_learning": {"wearer", "intent", "learning", "people", "terminal"},
     "bench": {"bus", "core", "features", "intent", "learning", "observe", "runtime", "wire"},
 }
 SUBROOMS: dict[str, dict[str, set[str]]] = {
@@ -62,9 +64,10 @@ SUBROOMS: dict[str, dict[str, set[str]]] = {
     "hilbridge.learning": {
         "metrics": set(),
         "data": {"metrics"},
-        "training": {"data", "metrics"},
+        "calibrators": set(),
+        "training": {"calibrators", "data", "metrics"},
         "certificate": {"data", "metrics", "training"},
-        "experiments": {"certificate", "data", "metrics", "training"},
+        "experiments": {"calibrators", "certificate", "data", "metrics", "training"},
     },
     "scenarios": {
         "signals": set(),

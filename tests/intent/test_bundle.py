@@ -1,7 +1,7 @@
 import contextlib
 import json
 import struct
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import pytest
@@ -9,11 +9,16 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from safetensors.numpy import load, save
 
-from hilbridge.intent.bundle import METADATA_KEY, BundleError, demo_bundle_path, load_bundle, save_bundle
+from hilbridge.intent.bundle import METADATA_KEY, BundleError, Replayed, demo_bundle_path, load_bundle, save_bundle
+from hilbridge.intent.provenance import LEAST_PEOPLE, Origin, Promise, Provenance, refusal
 
 
 def parts():
-    data = demo_bundle_path().read_bytes()
+    return stored(demo_bundle_path())
+
+
+def stored(path):
+    data = path.read_bytes()
     (length,) = struct.unpack_from("<Q", data)
     return load(data), json.loads(json.loads(data[8 : 8 + length])["__metadata__"][METADATA_KEY])
 
@@ -41,33 +46,148 @@ def test_the_demo_bundle_loads_and_is_small():
     assert bundle.window_steps == 50
     assert 0 < bundle.bundle_id < 1 << 16
     assert bundle.thresholds.tau_off < bundle.thresholds.tau_on
-    assert set(bundle.calibration.temperatures) == set(range(1, 8))
-    assert "simulated wearer" in bundle.provenance["trained_on"]
+    assert set(bundle.temperatures) == set(range(1, 8))
+    assert set(bundle.maps.by_condition) >= set(range(1, 8))
+    assert bundle.provenance.origin is Origin.SIMULATED
+    assert bundle.doubt is None
 
 
 def test_what_is_saved_is_what_is_loaded(tmp_path):
     bundle = load_bundle(demo_bundle_path())
     again = load_bundle(save_bundle(bundle, tmp_path / "deep" / "b.safetensors"))
     assert (again.weights.hidden_weight == bundle.weights.hidden_weight).all()
-    assert again.calibration == bundle.calibration
+    assert (again.temperatures, again.maps, again.curve) == (bundle.temperatures, bundle.maps, bundle.curve)
+    assert again.provenance == bundle.provenance
     assert again.thresholds == bundle.thresholds
     assert [path.name for path in (tmp_path / "deep").iterdir()] == ["b.safetensors"]
 
 
-def test_a_curve_for_each_set_of_modalities_is_kept_and_older_bundles_have_one_for_all(tmp_path):
-    bundle = load_bundle(demo_bundle_path())
-    assert set(bundle.calibration.isotonic) == set(range(1, 8))
-    curves = {mask: ((0.0, 1.0), (0.0, 0.1 * mask)) for mask in range(1, 8)}
-    renewed = replace(bundle, calibration=replace(bundle.calibration, isotonic=curves))
-    path = save_bundle(renewed, tmp_path / "b.safetensors")
-    assert load_bundle(path).calibration.isotonic == curves
+def test_maps_and_curves_that_are_none_are_refused(tmp_path):
     tensors, metadata = parts()
-    del metadata["calibration"]["isotonic"]
-    metadata["calibration"] |= {"isotonic_x": [0.0, 1.0], "isotonic_y": [0.0, 0.9]}
-    assert load_bundle(write(tmp_path / "old", tensors, metadata)).calibration.isotonic == {7: ((0.0, 1.0), (0.0, 0.9))}
-    for wrong in ({"9": [[0, 1], [0, 1]]}, {"7": [[0, 1]]}, {"7": 3}, ["7"]):
-        metadata["calibration"]["isotonic"] = wrong
-        refused(write(tmp_path / "c", tensors, metadata), "unusable bundle")
+    for wrong in ({"7": [[0, 1], [0, 1]]}, {"9": 3}, {**metadata["maps"], "900": [[0, 1], [0, 1]]}, ["7"]):
+        refused(write(tmp_path / "c", tensors, {**metadata, "maps": wrong}))
+    for wrong in (
+        [[0.5, 2.0, 0.1, 3, 0.5, 0.1]],
+        [[0.5]],
+        [[0.6, 0.5, 0.1, 3, 0.5, 0.1], [0.5, 0.5, 0.1, 3, 0.5, 0.1]],
+        3,
+    ):
+        refused(write(tmp_path / "d", tensors, {**metadata, "curve": wrong}))
+
+
+def test_a_precision_asks_for_the_lowest_threshold_from_which_on_it_is_reached():
+    points = [(0.5, 0.7), (0.6, 0.85), (0.7, 0.78), (0.8, 0.81), (0.9, 0.93)]
+    curve = tuple(Replayed(tau, precision, 0.1, 9, precision, 0.1) for tau, precision in points)
+    bundle = replace(load_bundle(demo_bundle_path()), curve=curve)
+    assert bundle.tau_for(0.8) == 0.8
+    assert bundle.tau_for(0.7) == 0.5
+    assert bundle.tau_for(0.95) is None
+
+
+AFFIRMED = Provenance(
+    Origin.RECORDED,
+    LEAST_PEOPLE,
+    60.0,
+    {"name": "best"},
+    tuple(f"person {number}" for number in range(LEAST_PEOPLE)),
+    {"P-01.mcap": "a" * 64},
+    certificate=Promise(0.7, 0.8, 0.1, "betting", "precision", 30, Origin.RECORDED, {"P-90.mcap": "b" * 64}),
+)
+
+
+def of_people(tmp_path):
+    return save_bundle(replace(load_bundle(demo_bundle_path()), provenance=AFFIRMED), tmp_path / "people.safetensors")
+
+
+def judged(path, tau_on=0.75):
+    bundle = load_bundle(path)
+    return refusal(bundle.provenance, bundle.doubt, tau_on)
+
+
+def test_h1_a_bundle_of_certified_people_may_act_with_its_threshold_and_above(tmp_path):
+    path = of_people(tmp_path)
+    assert judged(path) is None
+    assert judged(path, 0.7) is None
+    assert "below 0.7" in judged(path, 0.69)
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({"origin": Origin.SIMULATED}, "simulated"),
+        ({"people": LEAST_PEOPLE - 1, "who": AFFIRMED.who[1:]}, "at least"),
+        ({"certificate": None}, "not certified"),
+        ({"certificate": replace(AFFIRMED.certificate, origin=Origin.SIMULATED)}, "certified on simulated"),
+    ],
+)
+def test_h1_each_statement_of_the_record_is_needed(changed, why):
+    assert why in refusal(replace(AFFIRMED, **changed), None, 0.8)
+
+
+def test_h1_a_bench_may_do_without_a_certificate_and_without_nothing_else():
+    bare = replace(AFFIRMED, certificate=None)
+    assert refusal(bare, None, 0.8, uncertified=True) is None
+    assert refusal(replace(bare, people=3, who=bare.who[:3]), None, 0.8, uncertified=True) is not None
+    assert refusal(replace(bare, origin=Origin.SIMULATED), None, 0.8, uncertified=True) is not None
+    assert refusal(bare, "edited", 0.8, uncertified=True) == "edited"
+    assert refusal(None, None, 0.8, uncertified=True) is not None
+
+
+@pytest.mark.parametrize("raw", [None, 3, "recorded people", [], {}, {"origin": "recorded people"}])
+def test_h1_an_absent_or_unreadable_record_predicts_but_may_not_act(tmp_path, raw):
+    tensors, metadata = parts()
+    path = write(tmp_path / "b", tensors, {**metadata, "provenance": raw})
+    assert load_bundle(path).window_steps == 50
+    assert judged(path) is not None
+
+
+def edited(value):
+    """Something else of the same kind."""
+    if isinstance(value, dict):
+        name = sorted(value)[0] if value else None
+        return {**value, name: edited(value[name])} if name is not None else {"more": 1}
+    if isinstance(value, list):
+        return [edited(value[0]), *value[1:]] if value else [1]
+    if isinstance(value, bool) or value is None:
+        return 1
+    return value * 0.99 + 0.001 if isinstance(value, int | float) else f"{value}x"
+
+
+@settings(max_examples=80, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.data())
+def test_h1_no_edit_of_header_or_tensors_may_act(tmp_path, data):
+    path = of_people(tmp_path)
+    tensors, metadata = stored(path)
+    inside = [f"provenance.{name}" for name in metadata["provenance"]]
+    place = data.draw(st.sampled_from(["tensor", *sorted(metadata), *inside]))
+    if place == "tensor":
+        name = data.draw(st.sampled_from(sorted(tensors)))
+        array = tensors[name].copy()
+        array.flat[data.draw(st.integers(0, array.size - 1))] += np.float32(1e-3)
+        tensors[name] = array
+    elif place.startswith("provenance."):
+        inner = place.partition(".")[2]
+        metadata["provenance"][inner] = edited(metadata["provenance"][inner])
+    else:
+        metadata[place] = edited(metadata[place])
+    write(path, tensors, metadata)
+    try:
+        assert judged(path) is not None
+    except BundleError:
+        pass  # refused altogether
+
+
+@settings(max_examples=60, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    raw=st.recursive(
+        st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=12),
+        lambda inner: st.lists(inner, max_size=2) | st.dictionaries(st.sampled_from(sorted(asdict(AFFIRMED))), inner),
+        max_leaves=8,
+    )
+)
+def test_h1_no_invented_provenance_may_act(tmp_path, raw):
+    tensors, metadata = parts()
+    assert judged(write(tmp_path / "b", tensors, {**metadata, "provenance": raw})) is not None
 
 
 def test_absent_folder_empty_and_foreign_files_are_refused(tmp_path):
@@ -119,8 +239,10 @@ def test_hostile_tensors_are_refused(tmp_path):
         {"thresholds": None},
         {"window_steps": 1e9},
         {"window_steps": 100_000},
-        {"calibration": {}},
-        {"provenance": 7},
+        {"temperatures": {}},
+        {"temperatures": {"7": 1.0}},
+        {"maps": {}},
+        {"curve": None},
     ],
 )
 def test_hostile_metadata_is_refused(tmp_path, change):

@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import STEP_NS
 from hilbridge.intent.bundle import demo_bundle_path, load_bundle
-from hilbridge.intent.calibration import Calibration, Method, sigmoid
+from hilbridge.intent.calibration import checked_temperatures, sigmoid, softmax
 from hilbridge.intent.predictor import Predictor
 from hilbridge.records import Modality
 from hilbridge.wearer.person import Wearer
@@ -69,60 +71,26 @@ def test_the_mask_names_what_the_window_mostly_had(bundle, lost, mask):
     assert predictor.mask() == mask
 
 
-@pytest.mark.parametrize("method", list(Method))
-def test_calibration_never_changes_the_label(method):
-    rng = np.random.default_rng(0)
-    curves = {7: ((0.0, 0.2, 0.6, 1.0), (0.05, 0.1, 0.5, 0.9)), 3: ((0.0, 1.0), (0.2, 0.3))}
-    calibration = Calibration(method, {7: 2.5, 3: 4.0}, (0.7, -1.0), curves)
-    many = rng.normal(0.0, 3.0, size=(200, 21))
-    for mask in (7, 3, 1):
-        together = calibration.confidence(many, mask)
-        for logits, expected in zip(many, together, strict=True):
-            probabilities, top, confidence = calibration.apply(logits, mask)
-            assert top == int(logits.argmax()) == int(probabilities.argmax())
-            assert 0.0 <= confidence <= 1.0
-            assert confidence == pytest.approx(float(expected), abs=1e-12)
-
-
-def test_the_temperature_of_the_mask_is_used():
-    calibration = Calibration(Method.TEMPERATURE, {7: 1.0, 3: 4.0})
-    logits = np.array([3.0, 0.0, 0.0])
-    assert calibration.apply(logits, 3)[2] < calibration.apply(logits, 7)[2]
-    assert calibration.apply(logits, 5)[2] == calibration.apply(logits, 7)[2]
-
-
-def test_the_curve_of_the_mask_is_used_and_that_of_all_modalities_where_there_is_none():
-    curves = {7: ((0.0, 1.0), (0.0, 0.9)), 3: ((0.0, 1.0), (0.2, 0.3))}
-    calibration = Calibration(Method.ISOTONIC, {7: 1.0}, isotonic=curves)
-    logits = np.array([3.0, 0.0, 0.0])
-    assert 0.2 <= calibration.apply(logits, 3)[2] <= 0.3
-    assert calibration.apply(logits, 7)[2] > 0.7
-    assert calibration.apply(logits, 5)[2] == calibration.apply(logits, 7)[2]
-
-
-def test_extreme_logits_do_not_overflow():
-    probabilities, _, confidence = Calibration().apply(np.array([1e300, -1e300, 0.0]), 7)
-    assert np.isfinite(probabilities).all()
-    assert confidence == 1.0
-    assert sigmoid(-1e9) == 0.0
-    assert sigmoid(1e9) == 1.0
+def test_each_set_of_modalities_has_its_temperature_and_names_its_condition(bundle):
+    cooler = replace(bundle, temperatures={**bundle.temperatures, 0b101: 10.0})
+    made = []
+    for one in (bundle, cooler):
+        predictor = Predictor(one)
+        made.append([predictor.step(vector, 0) for vector in vectors(14, 60, (Modality.HANDS,))][-1])
+    assert made[0].condition == made[1].condition == 0b101
+    assert made[0].verb_index == made[1].verb_index
+    assert made[1].confidence < made[0].confidence
 
 
 @pytest.mark.parametrize(
-    "broken",
-    [
-        {"temperatures": {3: 1.0}},
-        {"temperatures": {7: 0.0}},
-        {"temperatures": {7: float("nan")}},
-        {"temperatures": {7: 1.0, 8: 1.0}},
-        {"platt": (float("inf"), 0.0)},
-        {"isotonic": {7: ((0.0, 1.0), (0.9, 0.1))}},
-        {"isotonic": {7: ((0.0,), (0.1,))}},
-        {"isotonic": {7: ((0.0, 1.0), (0.0, float("nan")))}},
-        {"isotonic": {3: ((0.0, 1.0), (0.0, 1.0))}},
-        {"isotonic": {7: ((0.0, 1.0), (0.0, 1.0)), 8: ((0.0, 1.0), (0.0, 1.0))}},
-    ],
+    "temperatures", [{7: 1.0}, dict.fromkeys(range(1, 8), 0.0), {mask: float("nan") for mask in range(1, 8)}]
 )
-def test_impossible_calibrators_are_refused(broken):
-    with pytest.raises(ValueError):
-        Calibration(**broken)
+def test_impossible_temperatures_are_refused(temperatures):
+    with pytest.raises(ValueError, match="temperature"):
+        checked_temperatures(temperatures)
+
+
+def test_extreme_logits_do_not_overflow():
+    assert np.isfinite(softmax(np.array([1e300, -1e300, 0.0]))).all()
+    assert sigmoid(-1e9) == 0.0
+    assert sigmoid(1e9) == 1.0

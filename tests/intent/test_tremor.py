@@ -5,7 +5,8 @@ from scipy.signal import butter, sosfilt
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import STEP_NS
 from hilbridge.intent.tremor import SECTIONS, BandPass, SlidingMedian, TremorGuard
-from hilbridge.wearer.person import Tremor, Wearer
+from hilbridge.wearer.person import Wearer
+from hilbridge.wearer.shaking import Tremor
 
 
 def flags(seed, seconds, tremor=None):

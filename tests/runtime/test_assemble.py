@@ -6,28 +6,31 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from firmware_sim.attachment import VIRTUAL_INTERFACES as DEVICE_VIRTUAL
 from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.port.spec import VIRTUAL_INTERFACES, BusSpec, parse_spec
 from hilbridge.config import BusConfig, Config, GateSection, ModelConfig
 from hilbridge.errors import InputError
+from hilbridge.intent.bundle import Replayed
+from hilbridge.intent.provenance import LEAST_PEOPLE, Origin, Promise, Provenance
 from hilbridge.limits import MS
 from hilbridge.records import Frame
 from hilbridge.runtime import assemble
-from hilbridge.runtime.assemble import Parts, arming_refusal, build_node, gate_config, read_parts
+from hilbridge.runtime.assemble import Parts, build_node, gate_config, read_parts
 from hilbridge.runtime.node import BridgeNode
 from hilbridge.wire.codec import Decoded
 from hilbridge.wire.link import WireLink
 
-AFFIRMED: dict[str, object] = {
-    "origin": "recorded people",
-    "trained_on": "twelve people",
-    "people": 12,
-    "certificate": {"precision": 0.8, "delta": 0.1, "method": "betting"},
-}
+AFFIRMED = Provenance(
+    Origin.RECORDED,
+    LEAST_PEOPLE,
+    60.0,
+    {},
+    tuple(f"person {number}" for number in range(LEAST_PEOPLE)),
+    {"P-01.mcap": "a" * 64},
+    certificate=Promise(0.3, 0.8, 0.1, "betting", "precision", 30, Origin.RECORDED),
+)
 
 
 @dataclass
@@ -55,7 +58,7 @@ def node_for(parts: Parts, port: FakePort, config: BusConfig) -> BridgeNode:
 
 def test_a_bundle_of_simulated_wearers_may_not_act_on_a_physical_bus(parts: Parts, tmp_path: Path) -> None:
     config = BusConfig(spec="can0", arm=True, key_file=str(tmp_path / "none.key"))
-    with pytest.raises(InputError, match=r"trained on simulated wearer.*refused with --arm on a physical bus"):
+    with pytest.raises(InputError, match=r"trained on simulated people, refused with --arm on a physical bus"):
         node_for(parts, FakePort(True, False), config)
 
 
@@ -129,45 +132,44 @@ def test_a_missing_bundle_is_one_line(tmp_path: Path) -> None:
         read_parts(Config(model=ModelConfig(bundle=str(tmp_path / "none.safetensors"))))
 
 
-JSON = st.recursive(
-    st.none() | st.booleans() | st.integers() | st.floats() | st.text(max_size=12),
-    lambda inner: st.dictionaries(st.text(max_size=8), inner, max_size=3),
-    max_leaves=4,
-)
+@pytest.mark.parametrize("doubt", ["it has no provenance", "it was edited after it was sealed"])
+def test_h1_a_record_in_doubt_may_not_arm_a_physical_bus(of_people: Parts, doubt: str) -> None:
+    doubted = replace(of_people, bundle=replace(of_people.bundle, doubt=doubt))
+    with pytest.raises(InputError, match=doubt):
+        node_for(doubted, FakePort(True, False), BusConfig(spec="can0", arm=True, uncertified=True))
+    node_for(doubted, FakePort(False, False), BusConfig(spec="vcan0"))
 
 
-def test_h1_a_provenance_that_affirms_everything_may_arm() -> None:
-    assert arming_refusal(AFFIRMED) is None
+def test_h1_a_threshold_below_the_certified_one_may_not_arm_a_physical_bus(of_people: Parts) -> None:
+    lower = replace(of_people, gate=replace(of_people.gate, tau_on=0.29, tau_off=0.2))
+    with pytest.raises(InputError, match=r"below 0\.3, which is certified"):
+        node_for(lower, FakePort(True, False), BusConfig(spec="can0", arm=True))
 
 
-@given(st.dictionaries(st.sampled_from(sorted(AFFIRMED)) | st.text(max_size=8), JSON, max_size=5))
-def test_h1_no_foreign_or_empty_provenance_may_arm(provenance: dict[str, object]) -> None:
-    assert arming_refusal(provenance) is not None
+def test_an_uncertified_bench_says_so(of_people: Parts, tmp_path: Path) -> None:
+    record = replace(AFFIRMED, certificate=None)
+    bare = replace(of_people, bundle=replace(of_people.bundle, provenance=record))
+    key = tmp_path / "own.key"
+    key.write_text("0f" * 16)
+    key.chmod(0o600)
+    with pytest.raises(InputError, match="not certified"):
+        node_for(bare, FakePort(True, False), BusConfig(spec="can0", arm=True, key_file=str(key)))
+    said: list[str] = []
+    config = BusConfig(spec="can0", arm=True, key_file=str(key), uncertified=True)
+    build_node(bare, FakePort(True, False), config, lambda now_ns, text: said.append(text))  # type: ignore[arg-type]
+    assert any("UNCERTIFIED" in text for text in said)
 
 
-@given(st.sampled_from(["origin", "people", "certificate"]), JSON)
-def test_h1_each_statement_is_needed(name: str, other: object) -> None:
-    assert arming_refusal({key: value for key, value in AFFIRMED.items() if key != name}) is not None
-    if name != "people" or type(other) is not int:
-        assert arming_refusal({**AFFIRMED, name: other}) is not None
-
-
-@pytest.mark.parametrize(
-    "certificate",
-    [{}, {"method": "x"}, {"method": "", "precision": 0.8, "delta": 0.1}, {"method": "x", "precision": 0.8}],
-)
-def test_h1_half_a_certificate_is_none(certificate: dict[str, object]) -> None:
-    assert arming_refusal({**AFFIRMED, "certificate": certificate}) is not None
-    assert arming_refusal({**AFFIRMED, "people": 0}) is not None
-    assert arming_refusal({**AFFIRMED, "people": True}) is not None
-    assert arming_refusal({**AFFIRMED, "trained_on": "a Simulated wearer"}) is not None
-
-
-@pytest.mark.parametrize("name", ["precision", "delta"])
-@pytest.mark.parametrize("value", [0.0, 1.0, 1.5, -0.1, float("nan"), float("inf"), 1, True, "0.8", None])
-def test_h1_a_certificate_promises_a_share_and_nothing_else(name: str, value: object) -> None:
-    certificate = {"precision": 0.8, "delta": 0.1, "method": "betting", name: value}
-    assert arming_refusal({**AFFIRMED, "certificate": certificate}) is not None
+def test_a_precision_chooses_the_threshold_or_says_what_is_reached(parts: Parts) -> None:
+    curve = tuple(Replayed(tau, tau, 0.1, 9, tau, 0.1) for tau in (0.5, 0.7, 0.9))
+    bundle = replace(parts.bundle, curve=curve)
+    chosen = gate_config(GateSection(precision=0.65), bundle)
+    band = bundle.thresholds.tau_on - bundle.thresholds.tau_off
+    assert (chosen.tau_on, chosen.tau_off) == (0.7, pytest.approx(0.7 - band))
+    assert chosen.maps == bundle.maps
+    with pytest.raises(InputError, match=r"gate\.precision = 0\.95: .*reaches 0\.900 at most"):
+        gate_config(GateSection(precision=0.95), bundle)
+    assert gate_config(GateSection(precision=0.65, tau_on=0.8), bundle).tau_on == 0.8
 
 
 def test_h1_one_list_says_what_is_virtual() -> None:

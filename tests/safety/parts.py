@@ -10,7 +10,7 @@ from tests.safety import campaign, checking, harm, mutation
 from tests.safety.processes import hung
 from tests.safety.server import run as server
 from tests.safety.table import REFERENCE, Row, Scale
-from tests.safety.tools import planted, twin
+from tests.safety.tools import c_fuzz, c_mutation, planted, twin
 from tests.safety.tools.branches import run as branches
 from tests.safety.wire import conformance, corruption, forgery, fuzz, replay
 
@@ -22,6 +22,8 @@ PARTS = {
     "model": checking.run,
     "model_c": checking.in_c,
     "twin": twin.run,
+    "mutation_c": c_mutation.run,
+    "fuzz_c": c_fuzz.run,
     "harm": harm.run,
     "fuzz": fuzz.run,
     "branches": branches,
@@ -36,12 +38,14 @@ PARTS = {
 # Everything that only computes, two parts at a time; `hung` and `server` run in real time and have the machine to themselves.
 LONGEST_FIRST = (
     "mutation",
+    "mutation_c",
     "harm",
     "model",
     "model_c",
     "twin",
     "defects",
     "fuzz",
+    "fuzz_c",
     "replay",
     "forgery",
     "branches",

@@ -49,7 +49,7 @@ def test_skipped_ones_are_in_the_table_and_in_the_json(
     for name, steps in (("cut", [{"fault": "bus.cut", "at": "1 ms"}]), ("fine", [])):
         (tmp_path / f"{name}.yaml").write_text(dump_scenario(scenario(name=name, steps=steps)))
 
-    def at_once(asked: Scenario, spec: object, *, recording: Path | None, where: str) -> Any:
+    def at_once(asked: Scenario, spec: object, *, recording: Path | None, where: str, external: object) -> Any:
         return judge_live(asked, happened(), (), 1.0, where)
 
     monkeypatch.setattr("scenarios.runner.run_live", at_once)

@@ -7,7 +7,8 @@ from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import FRAME, STEP_NS
 from hilbridge.limits import MS
 from hilbridge.verbs import VERBS
-from hilbridge.wearer.person import Tremor, Wearer
+from hilbridge.wearer.person import Wearer
+from hilbridge.wearer.shaking import Tremor
 from hilbridge.wearer.timeline import BENCHMARK, DEMO, bayes_posterior, cells, statistics
 
 S = 1_000_000_000

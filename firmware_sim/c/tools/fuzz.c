@@ -55,7 +55,9 @@ static void honest(const ctl_state *state, uint8_t kind, ctl_frame *frame) {
         slot = CTL_SLOT_ACT_AUTH;
         uint32_t freshness = state->freshness + 1;
         put(frame, 24, freshness & 0xFF);
-        put(frame, 32, ctl_act_mac(state, freshness, state->pending.data));
+        uint8_t first[16];
+        ctl_first_subkey(state->key, first);
+        put(frame, 32, ctl_act_mac(state, first, freshness, state->pending.data));
     } else if (kind == 3) { /* ARM_REQUEST, also to clear */
         slot = CTL_SLOT_ARM_REQUEST;
         put(frame, 24, 7);

@@ -1,4 +1,4 @@
-"""What the command line calls that is no room of its own: certification of a bundle's threshold."""
+"""`hilbridge certify`: a bundle's threshold, certified through its gate on people that nothing was fitted on."""
 
 from __future__ import annotations
 
@@ -9,17 +9,25 @@ from pathlib import Path
 import numpy as np
 
 from hilbridge.core.gate import GateConfig
-from hilbridge.intent.bundle import Bundle, Thresholds, load_bundle, save_bundle
-from hilbridge.intent.calibration import ALL_VALID
+from hilbridge.intent.bundle import Bundle, load_bundle, save_bundle
+from hilbridge.intent.provenance import Origin, Promise
 from hilbridge.learning.certificate.certify import Certificate, Counts, Method, RegionBound, certify, region_bound
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.synthetic import record_people
 from hilbridge.learning.data.windows import Statistics
-from hilbridge.learning.training.make_bundle import DIFFICULTIES, TAU_BAND
-from hilbridge.learning.training.replay import estimates, replay, stream_logits
-from hilbridge.records import IntentEstimate
+from hilbridge.learning.training.gate_fit import GATE, TAU_BAND, TAUS
+from hilbridge.learning.training.make_bundle import DIFFICULTIES, thresholds_at
+from hilbridge.learning.training.replay import (
+    Watched,
+    conditions,
+    mapped,
+    replay,
+    stream_logits,
+    watch,
+    with_taus,
+)
 
-GATE_TAUS: tuple[float, ...] = tuple(round(0.95 - 0.05 * step, 2) for step in range(16))
+GATE_TAUS = tuple(reversed(TAUS))
 CERTIFY_SEED = 20_000
 
 
@@ -58,53 +66,82 @@ class Certified:
 def certify_bundle(config: CertifyConfig, progress: Callable[[], None] = lambda: None) -> Certified:
     """Certify act-only precision of the whole chain, the gate's smoothing and hysteresis included.
 
-    A window is a 25 Hz step, a cluster is a person. The promise holds for people like those simulated. Raises BundleError
-    or ValueError naming what is wrong.
+    The promise holds for people like those simulated. Raises BundleError or ValueError naming what is wrong.
     """
     if config.wearer not in DIFFICULTIES:
         raise ValueError(f"wearer {config.wearer!r}: must be one of {', '.join(DIFFICULTIES)}")
-    if config.write is not None and config.method is Method.CLOPPER_PEARSON:
-        raise ValueError(
-            "clopper_pearson is for comparison only and is not written into a bundle; use betting or cluster_t"
-        )
+    check_writable(config)
     bundle = load_bundle(config.bundle)
     seeds = range(CERTIFY_SEED, CERTIFY_SEED + config.people)
     people = record_people(seeds, DIFFICULTIES[config.wearer], config.seconds, config.cache, progress)
+    return certify_on(config, bundle, people, Origin.SIMULATED, {})
+
+
+def check_writable(config: CertifyConfig) -> None:
+    """Raises ValueError for a method that is not to be relied on."""
+    if config.write is not None and config.method is Method.CLOPPER_PEARSON:
+        raise ValueError("clopper_pearson is for comparison only and is not written into a bundle; use betting")
+
+
+def certify_on(
+    config: CertifyConfig, bundle: Bundle, people: Stream, origin: Origin, data: dict[str, str]
+) -> Certified:
+    """Certify on these people, who must be nobody that the bundle was trained or calibrated on."""
     logits = stream_logits(bundle.weights, people, Statistics(bundle.mean, bundle.std))
-    beliefs = estimates(logits, bundle.calibration, ALL_VALID)
-    counts = gate_counts(beliefs, people)
-    certificate = certify(counts, config.precision, config.delta, config.method)
-    spoken = [index for index, belief in enumerate(beliefs) if belief is not None]
-    confidence = np.array([belief.confidence for belief in beliefs if belief is not None])
-    top = np.array([belief.verb_index for belief in beliefs if belief is not None])
-    bound = region_bound(confidence, top == people.label[spoken], certificate.tau_on or bundle.thresholds.tau_on)
+    seen = watch(logits, conditions(people), people.subject, bundle.temperatures, GATE)
+    gate = replace(GATE, maps=bundle.maps)
+    counts = gate_counts(gate, seen, people)
+    certificate = certify(counts, config.precision, config.delta, config.method, start_of(bundle, config.precision))
+    judged = seen.able & people.known
+    confidence = mapped(bundle.maps, seen.probability, seen.condition)[judged]
+    right = people.right(seen.candidate)[judged]
+    bound = region_bound(confidence, right, certificate.tau_on or bundle.thresholds.tau_on)
     written = None
     if config.write is not None and certificate.tau_on is not None:
-        written = save_bundle(_with_threshold(bundle, certificate), config.write)
+        written = save_bundle(_with_threshold(bundle, certificate, origin, data), config.write)
     return Certified(certificate, bound, written)
 
 
-def gate_counts(beliefs: list[IntentEstimate | None], people: Stream) -> Counts:
-    """Acting and wrong steps per candidate tau_on and person, from replaying the gate at each."""
+def gate_counts(gate: GateConfig, seen: Watched, people: Stream) -> Counts:
+    """Acting and wrong steps per candidate tau_on and person, of those whose truth is known, from replaying the gate."""
     names, place = np.unique(people.subject, return_inverse=True)
     acting, wrong = [], []
     for tau in GATE_TAUS:
-        result = replay(GateConfig(tau_on=tau, tau_off=max(0.02, tau - TAU_BAND)), beliefs, people)
-        acting.append(np.bincount(place, weights=result.acting, minlength=len(names)))
-        wrong.append(np.bincount(place, weights=result.acting & ~result.right, minlength=len(names)))
-    return Counts(GATE_TAUS, np.array(acting, dtype=np.int64), np.array(wrong, dtype=np.int64), np.bincount(place))
+        done = replay(with_taus(gate, tau, TAU_BAND), seen, people)
+        acting.append(np.bincount(place, weights=done.judged, minlength=len(names)))
+        wrong.append(np.bincount(place, weights=done.judged & ~done.right, minlength=len(names)))
+    total = np.bincount(place, weights=people.known, minlength=len(names)).astype(np.int64)
+    return Counts(GATE_TAUS, np.array(acting, dtype=np.int64), np.array(wrong, dtype=np.int64), total)
 
 
-def _with_threshold(bundle: Bundle, certificate: Certificate) -> Bundle:
+def start_of(bundle: Bundle, precision: float) -> float:
+    """Where the people that the bundle was calibrated on would begin: there a certificate is likeliest, by their mean, spread
+    and number; they are not tested."""
+    best = max(
+        bundle.curve,
+        key=lambda point: (point.person_precision - precision) * point.people**0.5 / max(point.person_spread, 0.02),
+        default=None,
+    )
+    return GATE_TAUS[0] if best is None else best.tau_on
+
+
+def _with_threshold(bundle: Bundle, certificate: Certificate, origin: Origin, data: dict[str, str]) -> Bundle:
+    """The bundle with its certified threshold; one without a record that can be believed gets none by being certified."""
     assert certificate.tau_on is not None
-    promise = {
-        "precision": certificate.precision,
-        "delta": certificate.delta,
-        "method": str(certificate.method),
-        "clusters": certificate.clusters,
-    }
-    thresholds = Thresholds(certificate.tau_on, max(0.02, round(certificate.tau_on - TAU_BAND, 3)))
-    return replace(bundle, thresholds=thresholds, provenance={**bundle.provenance, "certificate": promise})
+    promise = Promise(
+        certificate.tau_on,
+        certificate.precision,
+        certificate.delta,
+        str(certificate.method),
+        certificate.estimand,
+        certificate.clusters,
+        origin,
+        data,
+    )
+    record = None
+    if bundle.provenance is not None and bundle.doubt is None:
+        record = replace(bundle.provenance, certificate=promise)
+    return replace(bundle, thresholds=thresholds_at(certificate.tau_on), provenance=record)
 
 
 def method_named(name: str) -> Method:

@@ -19,9 +19,20 @@ from numpy.typing import NDArray
 from rich.console import Console
 from rich.progress import Progress
 
-from hilbridge.learning.certificate.certify import TAUS, Method, certify, window_counts
+from hilbridge.learning.certificate.certify import (
+    AVERAGE_PERSON,
+    ESTIMANDS,
+    POOLED,
+    TAUS,
+    Method,
+    certify,
+    promising_start,
+    window_counts,
+)
 
 Floats = NDArray[np.float64]
+OTHERS = 90  # people who choose where a sequence begins, and are not tested
+EVENTS = "clopper_pearson_events"  # the same bound on each event once, not on its copies
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +49,10 @@ class World:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """One method on many simulated calibration sets."""
+    """One method on many simulated calibration sets; a violation is of its own estimand."""
 
     method: str
+    estimand: str
     people: int
     trials: int
     violations: float
@@ -59,13 +71,16 @@ def draw(world: World, people: int, rng: np.random.Generator) -> tuple[Floats, N
     return np.repeat(confidence.ravel(), world.repeats), np.repeat(right.ravel(), world.repeats), person
 
 
-def true_curve(world: World) -> tuple[Floats, Floats]:
-    """Act-only precision and coverage at every candidate tau in the whole population (a very large sample)."""
+def true_curves(world: World) -> tuple[dict[str, Floats], Floats]:
+    """By estimand the precision, and the coverage, at every candidate tau in the whole population (a very large sample)."""
     single = World(world.events, 1, world.shift, world.overconfidence)
-    confidence, right, _ = draw(single, 40_000, np.random.default_rng([world.seed, 99]))
-    acting = np.array([(confidence >= tau).sum() for tau in TAUS])
-    hits = np.array([(right & (confidence >= tau)).sum() for tau in TAUS])
-    return hits / np.maximum(acting, 1), acting / len(confidence)
+    confidence, right, person = draw(single, 40_000, np.random.default_rng([world.seed, 99]))
+    counts = window_counts(confidence, right, person)
+    acts = counts.acting > 0
+    wrong = np.where(acts, counts.wrong / np.maximum(counts.acting, 1), 0.0)
+    pooled = 1.0 - counts.wrong.sum(axis=1) / np.maximum(counts.acting.sum(axis=1), 1)
+    average = 1.0 - wrong.sum(axis=1) / np.maximum(acts.sum(axis=1), 1)
+    return {POOLED: pooled, AVERAGE_PERSON: average}, counts.acting.sum(axis=1) / len(confidence)
 
 
 def study(
@@ -79,26 +94,44 @@ def study(
 ) -> list[Row]:
     """Violations and coverage lost against the oracle tau, per method, over `trials` simulated calibration sets."""
     world = world or World()
-    truth, coverage = true_curve(world)
-    oracle = float(coverage[truth >= precision].max(initial=0.0))
-    methods = [*map(str, Method), *(["mapie"] if mapie else [])]
-    chosen: dict[str, list[int | None]] = {method: [] for method in methods}
+    truths, coverage = true_curves(world)
+    estimands = {**{str(method): ESTIMANDS[method] for method in Method}, EVENTS: POOLED}
+    estimands |= {"mapie": POOLED} if mapie else {}
+    chosen: dict[str, list[int | None]] = {method: [] for method in estimands}
     for trial in range(trials):
-        confidence, right, person = draw(world, people, np.random.default_rng([world.seed, people, trial]))
-        counts = window_counts(confidence, right, person)
-        for method in Method:
-            tau = certify(counts, precision, delta, method).tau_on
-            chosen[str(method)].append(None if tau is None else TAUS.index(tau))
+        for name, tau in _chosen(world, people, trial, precision, delta).items():
+            chosen[name].append(None if tau is None else TAUS.index(tau))
         if mapie:
+            confidence, right, _ = draw(world, people, np.random.default_rng([world.seed, people, trial]))
             chosen["mapie"].append(_mapie(confidence, right, precision, delta))
         progress()
     rows = []
-    for name in methods:
+    for name, estimand in estimands.items():
+        truth = truths[estimand]
+        oracle = float(coverage[truth >= precision].max(initial=0.0))
         made = [row for row in chosen[name] if row is not None]
         violated = sum(bool(truth[row] < precision) for row in made)
         kept = [coverage[row] if row is not None else 0.0 for row in chosen[name]]
-        rows.append(Row(name, people, trials, violated / trials, len(made) / trials, oracle - float(np.mean(kept))))
+        lost = oracle - float(np.mean(kept))
+        rows.append(Row(name, estimand, people, trials, violated / trials, len(made) / trials, lost))
     return rows
+
+
+def _chosen(world: World, people: int, trial: int, precision: float, delta: float) -> dict[str, float | None]:
+    """What each method certifies on one calibration set."""
+    confidence, right, person = draw(world, people, np.random.default_rng([world.seed, people, trial]))
+    counts = window_counts(confidence, right, person)
+    once = slice(None, None, world.repeats)
+    events = window_counts(confidence[once], right[once], person[once])
+    others = window_counts(*draw(world, OTHERS, np.random.default_rng([world.seed, people, trial, 1])))
+    made: dict[str, float | None] = {}
+    for method in Method:
+        start = (
+            promising_start(others, precision, method) if method in (Method.BETTING, Method.BETTING_POOLED) else None
+        )
+        made[str(method)] = certify(counts, precision, delta, method, start).tau_on
+    made[EVENTS] = certify(events, precision, delta, Method.CLOPPER_PEARSON).tau_on
+    return made
 
 
 def _mapie(confidence: Floats, right: NDArray[np.bool_], precision: float, delta: float) -> int | None:
@@ -125,7 +158,7 @@ def _mapie(confidence: Floats, right: NDArray[np.bool_], precision: float, delta
 def main(arguments: Sequence[str]) -> int:
     """The study as a table on standard output."""
     parser = argparse.ArgumentParser(prog="python -m hilbridge.learning.certificate.study", description=__doc__)
-    parser.add_argument("--people", type=int, nargs="+", default=[60, 200], help="people per calibration set")
+    parser.add_argument("--people", type=int, nargs="+", default=[30, 60, 200], help="people per calibration set")
     parser.add_argument("--trials", type=int, default=1_000, help="simulated calibration sets")
     parser.add_argument("--precision", type=float, default=0.8)
     parser.add_argument("--delta", type=float, default=0.1)
@@ -135,8 +168,9 @@ def main(arguments: Sequence[str]) -> int:
     world = World()
     sys.stdout.write(
         f"{world.events} actions a person, each in {world.repeats} windows; subject shift {world.shift} log odds; "
-        f"promise: P(precision < {chosen.precision}) <= {chosen.delta}\n"
-        f"{'method':16}{'people':>8}{'trials':>8}{'violations':>12}{'certified':>11}{'coverage lost':>15}\n"
+        f"promise: P(precision < {chosen.precision}) <= {chosen.delta}; betting is about the {AVERAGE_PERSON}, all others "
+        f"about the {POOLED}; {OTHERS} other people choose where a sequence begins\n"
+        f"{'method':24}{'people':>8}{'trials':>8}{'violations':>12}{'certified':>11}{'coverage lost':>15}\n"
     )
     with_mapie = find_spec("mapie") is not None
     for people in chosen.people:
@@ -152,7 +186,7 @@ def main(arguments: Sequence[str]) -> int:
             )
         for row in rows:
             sys.stdout.write(
-                f"{row.method:16}{row.people:8d}{row.trials:8d}{row.violations:12.3f}{row.certified:11.3f}"
+                f"{row.method:24}{row.people:8d}{row.trials:8d}{row.violations:12.3f}{row.certified:11.3f}"
                 f"{row.coverage_lost:15.3f}\n"
             )
         sys.stdout.flush()

@@ -21,11 +21,11 @@ from hilbridge.features.packs import file_hash, pack_made_from, read_pack
 from hilbridge.intent.predictor import MIN_USABLE_SHARE
 from hilbridge.learning.data.egtea import GAZE, Action, DatasetError
 from hilbridge.learning.data.iassistadl import recording_features, recording_folders
+from hilbridge.learning.data.labelled import Spanned, labelled_stream
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.windows import STEPS
 from hilbridge.records import CameraFrame, GazeSample, HandTracks, StampSource
 from hilbridge.sensors.begaze import BegazeRecording, read_begaze
-from hilbridge.verbs import VERBS
 
 BEGAZE_FPS = 24.0
 LEAD_STEPS = 13  # 0.52 s: with onsets rounded to 40 ms a window never comes closer than the paper's 0.5 s
@@ -197,24 +197,13 @@ def session_stream(
 ) -> tuple[Stream, NDArray[np.int64], Discards]:
     """A session's stream, the ends of its windows (2 s, ending 0.5 s before each onset) and the discards.
 
-    label at each step is the verb of the next action to begin (the last one's after it).
+    Labels are laid over it by the rule of `labelled_stream`, gaps between the annotated actions being idle.
     """
     steps = len(values)
+    spans = [Spanned(action.start_ms, action.end_ms, action.label) for action in actions]
+    stream = labelled_stream(subject, spans, values, valid, gaps_are_idle=True)
     onsets = np.array([round(action.start_ms * RATE_HZ / 1000.0) for action in actions])
     labels = np.array([action.label for action in actions])
-    following = np.minimum(np.searchsorted(onsets, np.arange(steps), side="right"), len(onsets) - 1)
-    minus = np.full(steps, -1)
-    stream = Stream(
-        np.full(steps, subject),
-        values,
-        valid,
-        labels[following],
-        minus,
-        minus,
-        minus,
-        onsets[following] - np.arange(steps),
-        np.zeros((steps, len(VERBS)), dtype=np.float32),
-    )
     ends = onsets - LEAD_STEPS
     too_early = ends < STEPS - 1
     too_late = ends >= steps

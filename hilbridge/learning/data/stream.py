@@ -13,10 +13,10 @@ from numpy.typing import NDArray
 class Stream:
     """One person's features at 25 Hz and what was really going on.
 
-    values (N, D) float32 raw; valid (N, 3) bool; label (N,) the intended verb, or the following one when idle;
-    current (N,) the verb under way or -1; event (N,) the action that `label` belongs to, -1 idle; busy_steps (N,) steps
+    values (N, D) float32 raw; valid (N, 3) bool; label (N,) the prepared verb, else the one under way, else the following
+    one; current (N,) the verb under way or -1; event (N,) the action that `label` belongs to, -1 idle; busy_steps (N,) steps
     since the intention formed, -1 idle; onset_steps (N,) steps until the following action begins; bayes (N, K) the best
-    possible belief given what the event shows (the prior when idle).
+    possible belief given what the event shows (the prior when idle); known (N,) whether somebody knows all this.
     """
 
     subject: NDArray[np.int64]
@@ -28,9 +28,19 @@ class Stream:
     busy_steps: NDArray[np.int64]
     onset_steps: NDArray[np.int64]
     bayes: NDArray[np.float32]
+    known: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.label)
+
+    def right(self, verb: NDArray[np.int64]) -> NDArray[np.bool_]:
+        """(N,) whether `verb` (N,) is right at each step: `core.right` over arrays, -1 for nothing; tests compare."""
+        prepared = np.where(self.event >= 0, self.label, -1)
+        return np.asarray((verb >= 0) & ((verb == self.current) | (verb == prepared)))
+
+    def part(self, where: NDArray[np.bool_]) -> Stream:
+        """The steps of some people: `where` (N,) is true for all of a person or none."""
+        return Stream(*(getattr(self, field.name)[where] for field in fields(Stream)))
 
 
 def join(streams: Iterable[Stream]) -> Stream:

@@ -19,7 +19,8 @@ from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import LAYOUT_HASH, STEP_NS, D
 from hilbridge.files import in_place_of
 from hilbridge.learning.data.stream import Stream, join
-from hilbridge.wearer.person import Tremor, Wearer
+from hilbridge.wearer.person import Wearer
+from hilbridge.wearer.shaking import Tremor, tremor_of
 from hilbridge.wearer.timeline import Difficulty, bayes_posterior, statistics
 
 # 2 s windows that end up to 0.76 s before an onset, and 0.8 s for the filters to settle in.
@@ -48,6 +49,7 @@ def record(
         np.full(steps, -1),
         np.full(steps, -1),
         np.zeros((steps, len(prior)), dtype=np.float32),
+        np.ones(steps, dtype=bool),
     )
     for step in range(steps):
         t_ns = step * STEP_NS
@@ -84,19 +86,25 @@ def record_people(
     cache: Path | None = None,
     progress: Callable[[], None] = lambda: None,
     whole_seconds: float | None = None,
+    trembling_every: int | None = None,
 ) -> Stream:
-    """Streams of many people, kept in `cache` (one npz per person) so that an interrupted run goes on where it was."""
+    """Streams of many people, kept in `cache` (one npz per person) so that an interrupted run goes on where it was.
+
+    trembling_every: every so many of them tremble, as `tremor_of` has it.
+    """
     cut = "" if whole_seconds is None else f"-{whole_seconds:g}whole{BEFORE_ONSET_STEPS}"
     kind = hashlib.sha256(f"{LAYOUT_HASH} {difficulty}".encode()).hexdigest()[
         :12
     ]  # other features or people: not these
     parts = []
     for seed in seeds:
-        path = None if cache is None else cache / f"{difficulty.name}{cut}-{seed}-{seconds:g}s-{kind}.npz"
+        tremor = tremor_of(seed) if trembling_every is not None and seed % trembling_every == 0 else None
+        shaking = "" if tremor is None else f"-tremor{hashlib.sha256(repr(tremor).encode()).hexdigest()[:6]}"
+        path = None if cache is None else cache / f"{difficulty.name}{cut}{shaking}-{seed}-{seconds:g}s-{kind}.npz"
         if path is not None and path.is_file():
             part = _cached(path)
         else:
-            part = record(seed, difficulty, seconds, None, whole_seconds)
+            part = record(seed, difficulty, seconds, tremor, whole_seconds)
             if path is not None:
                 with in_place_of(path) as partial, partial.open("wb") as file:
                     np.savez_compressed(file, **{field.name: getattr(part, field.name) for field in fields(Stream)})

@@ -16,8 +16,8 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
+from hilbridge.confidence import ALL_VALID
 from hilbridge.features.layout import LAYOUT_HASH
-from hilbridge.intent.calibration import ALL_VALID
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.synthetic import record_people
 from hilbridge.learning.data.windows import onset_ends, window_ends

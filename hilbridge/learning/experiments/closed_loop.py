@@ -11,25 +11,35 @@ import numpy as np
 import torch
 from numpy.typing import NDArray
 
-from hilbridge.core.gate import GateConfig
+from hilbridge.confidence import ALL_VALID, MASKS, TREMOR_SHIFT, ConfidenceMaps, RisingMap
 from hilbridge.features.layout import D
 from hilbridge.intent.bundle import Bundle
-from hilbridge.intent.calibration import ALL_VALID, Method, softmax
+from hilbridge.intent.calibration import softmax
 from hilbridge.intent.gru import StreamingGru
-from hilbridge.intent.tremor import TremorGuard
 from hilbridge.learning import metrics
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.synthetic import record_people_with
 from hilbridge.learning.data.windows import STEPS, Statistics
-from hilbridge.learning.experiments.stream_history import filtered, fit_history, history_estimates
+from hilbridge.learning.experiments.stream_history import filtered, fit_history
 from hilbridge.learning.experiments.tables import MC_PASSES, Pooled, Row
+from hilbridge.learning.training.gate_fit import GATE, TAU_BAND, fit_maps
 from hilbridge.learning.training.network import GruNetwork, TransformerNetwork, export_weights
-from hilbridge.learning.training.replay import Replay, estimates, replay, stream_logits
-from hilbridge.records import FeatureVector, IntentEstimate
-from hilbridge.wearer.person import Tremor
+from hilbridge.learning.training.replay import (
+    Replay,
+    Watched,
+    conditions,
+    replay,
+    stream_logits,
+    watch,
+    window_masks,
+    with_taus,
+)
+from hilbridge.wearer.shaking import realistic
 from hilbridge.wearer.timeline import Difficulty
 
-TAUS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8)
+TAUS = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9)
+AT_ITS_WORD = ConfidenceMaps({mask: RisingMap((0.0, 1.0), (0.0, 1.0)) for mask in MASKS})
+Floats = NDArray[np.float64]
 STEPS_PER_MINUTE = 25 * 60
 
 
@@ -89,27 +99,45 @@ def _fold_stream(fold: Any, prefix: str = "stream") -> Stream:
     return Stream(**{name: fold[f"{prefix}_{name}"] for name in Stream.__dataclass_fields__})
 
 
+def _watched(logits: Floats, stream: Stream, temperature: float) -> Watched:
+    """A stream as the gate sees it, all modalities there."""
+    return watch(logits, np.full(len(stream), ALL_VALID), stream.subject, {ALL_VALID: temperature}, GATE)
+
+
 def closed_loop_table(pooled: Pooled) -> list[Row]:
-    """E5: tau sweep over streams of unseen people, calibrated and not; right is what the wearer is preparing or doing."""
+    """E5: tau sweep over streams of unseen people; right is what `core.right` says.
+
+    none: the smoothed probability at its word. gate: as shipped, calibrated on what the gate compares, on other people.
+    """
+    loops = []
+    for fold, calibration in zip(pooled.folds, pooled.calibrations, strict=True):
+        temperature = calibration.temperature(ALL_VALID)
+        fitted_on = _fold_stream(fold, "validation_stream")
+        maps = fit_maps([(_watched(fold["validation_stream_logits"], fitted_on, temperature), fitted_on)])
+        stream = _fold_stream(fold)
+        loops.append(
+            (stream, _watched(fold["stream_logits"], stream, temperature), {"none": AT_ITS_WORD, "gate": maps})
+        )
     rows = []
-    for method in (Method.NONE, Method.ISOTONIC):
-        loops = []
-        for fold, calibration in zip(pooled.folds, pooled.calibrations, strict=True):
-            chosen = replace(calibration, method=method)
-            loops.append((_fold_stream(fold), estimates(fold["stream_logits"], chosen, ALL_VALID)))
+    for method in ("none", "gate"):
         for tau in TAUS:
-            config = GateConfig(tau_on=tau, tau_off=tau - 0.1)
-            done = [(stream, replay(config, beliefs, stream)) for stream, beliefs in loops]
-            rows.append({"method": str(method), "tau_on": tau, **_summary(done)})
+            done = [
+                (stream, replay(with_taus(replace(GATE, maps=maps[method]), tau, TAU_BAND), seen, stream))
+                for stream, seen, maps in loops
+            ]
+            rows.append({"method": method, "tau_on": tau, **_summary(done)})
     return rows
 
 
 def history_loop_table(pooled: Pooled) -> list[Row]:
-    """The same streams and gate when the believed history is fused in at every step, with its own confidence map."""
-    done: list[tuple[Stream, Sequence[IntentEstimate | None], Row]] = []
+    """The same streams and gate when the believed history is fused in at every step, with maps of its own."""
+    done: list[tuple[Stream, Watched, ConfidenceMaps, Row]] = []
     for fold, calibration in zip(pooled.folds, pooled.calibrations, strict=True):
         temperature = calibration.temperature(ALL_VALID)
-        fitted = fit_history(fold["validation_stream_logits"], _fold_stream(fold, "validation_stream"), temperature)
+        others = _fold_stream(fold, "validation_stream")
+        fitted = fit_history(fold["validation_stream_logits"], others, temperature)
+        before = filtered(fold["validation_stream_logits"], others, temperature, fitted.trust, fitted.hazard)
+        maps = fit_maps([(_watched(_log(before), others, 1.0), others)])
         stream, logits = _fold_stream(fold), fold["stream_logits"]
         belief = filtered(logits, stream, temperature, fitted.trust, fitted.hazard)
         judged = np.flatnonzero(~np.isnan(logits[:, 0]) & (stream.event >= 0))
@@ -120,23 +148,31 @@ def history_loop_table(pooled: Pooled) -> list[Row]:
             "trust": fitted.trust,
             "hazard_per_step": fitted.hazard,
         }
-        done.append((stream, history_estimates(belief, fitted), figures))
+        done.append((stream, _watched(_log(belief), stream, 1.0), maps, figures))
     rows = []
     for tau in TAUS:
-        config = GateConfig(tau_on=tau, tau_off=tau - 0.1)
-        replayed = [(stream, replay(config, list(beliefs), stream)) for stream, beliefs, _ in done]
-        means = {name: float(np.mean([figures[name] for _, _, figures in done])) for name in done[0][2]}
-        rows.append({"method": "history, isotonic", "tau_on": tau, **_summary(replayed), **means})
+        replayed = [
+            (stream, replay(with_taus(replace(GATE, maps=maps), tau, TAU_BAND), seen, stream))
+            for stream, seen, maps, _ in done
+        ]
+        means = {name: float(np.mean([figures[name] for *_, figures in done])) for name in done[0][3]}
+        rows.append({"method": "history, gate", "tau_on": tau, **_summary(replayed), **means})
     return rows
+
+
+def _log(belief: Floats) -> Floats:
+    return np.log(np.maximum(belief, 1e-12))
 
 
 def _summary(done: Sequence[tuple[Stream, Replay]]) -> Row:
     acting = np.concatenate([result.acting for _, result in done])
     right = np.concatenate([result.right for _, result in done])
     onset = np.concatenate([stream.onset_steps for stream, _ in done])
+    confidence = np.concatenate([result.confidence for _, result in done])
     row: Row = {
         "coverage": float(acting.mean()),
         "act_only_precision": float(right[acting].mean()) if acting.any() else None,
+        "mean_confidence_while_acting": float(confidence[acting].mean()) if acting.any() else None,
         "false_assists_per_minute": sum(result.false_assists for _, result in done) / (len(acting) / STEPS_PER_MINUTE),
     }
     for low, high in ((0.0, 0.5), (0.5, 1.0), (1.0, 2.0)):
@@ -145,45 +181,35 @@ def _summary(done: Sequence[tuple[Stream, Replay]]) -> Row:
     return row
 
 
-def guard_flags(stream: Stream) -> NDArray[np.bool_]:
-    """The tremor guard's judgement at each step of a stream."""
-    flags = np.zeros(len(stream), dtype=bool)
-    guard = TremorGuard()
-    for index in range(len(stream)):
-        if index and stream.subject[index] != stream.subject[index - 1]:
-            guard.reset()
-        valid = (bool(stream.valid[index, 0]), bool(stream.valid[index, 1]), bool(stream.valid[index, 2]))
-        flags[index] = guard.update(FeatureVector(0, 0, stream.values[index], valid))
-    return flags
-
-
 def tremor_table(
     bundle: Bundle,
     difficulty: Difficulty,
     seeds: Iterable[int],
     seconds: float,
-    frequencies: Sequence[float] = (4.0, 6.0, 8.0),
+    frequencies: Sequence[float] = (3.0, 5.0, 8.0),
 ) -> list[Row]:
-    """Act-only precision among acts with tremor of 0.02 picture widths, without and with the guard (which holds)."""
-    config = GateConfig(tau_on=bundle.thresholds.tau_on, tau_off=bundle.thresholds.tau_off)
+    """The gate on people who tremble (wandering amplitude and frequency, head, gaze, lost hands, overshoot).
+
+    off: every step judged by the map of calm people; on: by the map of the level of tremor that the guard sees, as shipped.
+    """
+    config = with_taus(replace(GATE, maps=bundle.maps), bundle.thresholds.tau_on, TAU_BAND)
     rows = []
     people = list(seeds)
     for hz in (None, *frequencies):
-        stream = record_people_with(people, difficulty, seconds, None if hz is None else Tremor(hz))
+        stream = record_people_with(people, difficulty, seconds, None if hz is None else realistic(hz))
         logits = stream_logits(bundle.weights, stream, Statistics(bundle.mean, bundle.std))
-        beliefs = estimates(logits, bundle.calibration, ALL_VALID)
-        flags = guard_flags(stream)
-        guarded = [None if flag else belief for flag, belief in zip(flags, beliefs, strict=True)]
-        for name, given in (("off", beliefs), ("on", guarded)):
-            result = replay(config, given, stream)
+        for name, under in (("off", window_masks(stream)), ("on", conditions(stream))):
+            seen = watch(logits, under, stream.subject, bundle.temperatures, GATE)
+            result = replay(config, seen, stream)
             acts = bool(result.acting.any())
             rows.append(
                 {
                     "tremor_hz": hz or 0.0,
                     "guard": name,
-                    "held_by_guard": float(flags.mean()) if name == "on" else None,
+                    "trembling": float((under >> TREMOR_SHIFT > 0).mean()),
                     "coverage": result.coverage,
                     "act_only_precision": result.act_only_precision if acts else None,
+                    "claimed": result.mean_confidence if acts else None,
                     "tau_on": config.tau_on,
                 }
             )

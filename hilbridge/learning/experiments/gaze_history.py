@@ -10,9 +10,11 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from hilbridge.intent.calibration import ALL_VALID, Method, softmax
+from hilbridge.confidence import ALL_VALID
+from hilbridge.intent.calibration import softmax
 from hilbridge.intent.history import BelievedHistory, HistoryPrior
 from hilbridge.learning import metrics
+from hilbridge.learning.calibrators import Method
 from hilbridge.learning.data.egtea import Action, DatasetError, by_session, load_actions
 from hilbridge.learning.data.sessions import folds, load_features, recorded_sessions, session_stream
 from hilbridge.learning.data.stream import Stream, join

@@ -6,19 +6,15 @@ the annotations' aggregates, by which the simulated wearer lives; so what this s
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from hilbridge.features.layout import STEP_NS
 from hilbridge.intent.calibration import softmax
 from hilbridge.intent.history import HistoryFilter, HistoryPrior
 from hilbridge.learning import metrics
 from hilbridge.learning.data.stream import Stream
-from hilbridge.learning.training.fit import fit_isotonic
-from hilbridge.records import IntentEstimate
 from hilbridge.wearer.timeline import statistics
 
 Floats = NDArray[np.float64]
@@ -29,14 +25,12 @@ THIN = 12  # every 12th step is fitted on: neighbours are near copies
 
 @dataclass(frozen=True, slots=True)
 class FittedHistory:
-    """The filter's setting and its own confidence map, both from validation people."""
+    """The filter's setting, from validation people."""
 
     trust: float
     hazard: float
     validation_nll: float
     alone_nll: float
-    isotonic_x: tuple[float, ...]
-    isotonic_y: tuple[float, ...]
 
 
 def filtered(logits: Floats, stream: Stream, temperature: float, trust: float, hazard: float) -> Floats:
@@ -58,28 +52,13 @@ def fit_history(logits: Floats, stream: Stream, temperature: float) -> FittedHis
     judged = np.flatnonzero(~np.isnan(logits[:, 0]) & (stream.event >= 0))[::THIN]
     labels = stream.label[judged]
     alone = metrics.nll(softmax(logits[judged] / temperature), labels)
-    best: tuple[float, float, float, Floats] | None = None
+    best: tuple[float, float, float] | None = None
     for trust in TRUSTS:
         for hazard in HAZARDS:
             belief = filtered(logits, stream, temperature, trust, hazard)[judged]
             loss = metrics.nll(belief, labels)
             if best is None or loss < best[0]:
-                best = (loss, trust, hazard, belief)
+                best = (loss, trust, hazard)
     assert best is not None
-    loss, trust, hazard, belief = best
-    x, y = fit_isotonic(belief.max(axis=1), belief.argmax(axis=1) == labels)
-    return FittedHistory(trust, hazard, loss, alone, x, y)
-
-
-def history_estimates(belief: Floats, fitted: FittedHistory) -> Sequence[IntentEstimate | None]:
-    """What a predictor with this filter would have said at each step."""
-    made: list[IntentEstimate | None] = []
-    for index, row in enumerate(belief):
-        if np.isnan(row[0]):
-            made.append(None)
-            continue
-        top = int(row.argmax())
-        confidence = float(np.interp(row[top], fitted.isotonic_x, fitted.isotonic_y))
-        now_ns = index * STEP_NS
-        made.append(IntentEstimate(now_ns, now_ns, tuple(row.tolist()), top, confidence, 0, (True, True, True)))
-    return made
+    loss, trust, hazard = best
+    return FittedHistory(trust, hazard, loss, alone)

@@ -11,8 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from hilbridge.intent.calibration import ALL_VALID, Calibration, Method, softmax
+from hilbridge.confidence import ALL_VALID
+from hilbridge.intent.calibration import softmax
 from hilbridge.learning import metrics
+from hilbridge.learning.calibrators import Calibration, Method
 from hilbridge.learning.experiments.benchmark import LOSSES, mask_of
 from hilbridge.learning.training.fit import fit_calibration, fit_temperature
 from hilbridge.verbs import VERBS

@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from scipy.optimize import minimize, minimize_scalar
 from sklearn.isotonic import IsotonicRegression
 
-from hilbridge.intent.calibration import ALL_VALID, ISOTONIC_CAP, Calibration, Knots, Method, softmax
+from hilbridge.confidence import ALL_VALID
+from hilbridge.intent.calibration import softmax
+from hilbridge.learning.calibrators import ISOTONIC_CAP, Calibration, Knots, Method
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]

@@ -2,31 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
-from itertools import combinations
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
 from pathlib import Path
-from typing import Any
 
-import numpy as np
 from rich.console import Console
 from rich.progress import Progress
 
+import hilbridge
 from hilbridge.intent.bundle import Bundle, Thresholds, save_bundle
-from hilbridge.intent.calibration import ALL_VALID, Calibration, Method
+from hilbridge.intent.gru import Weights
+from hilbridge.intent.provenance import Origin, Provenance
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.synthetic import record_people
-from hilbridge.learning.data.windows import STEPS, window_ends
-from hilbridge.learning.training.fit import fit_calibration
+from hilbridge.learning.data.windows import STEPS, Statistics
+from hilbridge.learning.training.gate_fit import GATE, TAU_BAND, Calibrated, calibrate, logits_by_loss, replays
 from hilbridge.learning.training.network import GruNetwork, export_weights, network_vectors
+from hilbridge.learning.training.person import actions_of, fit_spread
 from hilbridge.learning.training.recipes import DEMO_RECIPE, Recipe
-from hilbridge.learning.training.replay import choose_threshold, estimates, replay, stream_logits
-from hilbridge.learning.training.train import Trained, fit_network, predict_logits
-from hilbridge.records import Modality
+from hilbridge.learning.training.replay import Replay, conditions, replay, stream_logits, watch, with_taus
+from hilbridge.learning.training.train import Trained, fit_network
 from hilbridge.wearer.timeline import BENCHMARK, DEMO, Difficulty
 
 DIFFICULTIES: Mapping[str, Difficulty] = {"demo": DEMO, "benchmark": BENCHMARK}
-TAU_BAND = 0.15
+
+SHARES = (0.12, 0.32)  # of people: to stop by, to calibrate on
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,18 +35,20 @@ class TrainConfig:
     """What `train` needs.
 
     out: the bundle to write. work: checkpoints, logs and recorded streams (an interrupted run goes on from there).
-    wearer: "demo" or "benchmark". people of seeds first_seed.., `seconds` each: 70 % train, 15 % stop and calibrate,
-    15 % choose the threshold (no person is in two groups). precision: act-only precision tau_on must replay to.
+    wearer: "demo" or "benchmark". people of seeds first_seed.., `seconds` each: 12 % to stop training by, 32 % to calibrate
+    and choose the threshold on, the rest to train on; nobody is in two groups. Every so many tremble, each in their own way
+    (`wearer.shaking.tremor_of`), so that there is a map for each level of tremor. precision: act-only precision tau_on must
+    replay to on people that the maps in use were not fitted on.
     """
 
     out: Path
     work: Path
     wearer: str = "demo"
-    people: int = 480
+    people: int = 600
     seconds: float = 60.0
     first_seed: int = 1_000
+    trembling_every: int | None = 4
     precision: float = 0.9
-    method: Method = Method.ISOTONIC
     recipe: Recipe = DEMO_RECIPE
 
 
@@ -64,89 +67,97 @@ def train(config: TrainConfig, console: Console | None = None) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
     difficulty = DIFFICULTIES[config.wearer]
     seeds = range(config.first_seed, config.first_seed + config.people)
-    held = max(2, round(0.15 * config.people))
-    groups = (seeds[: -2 * held], seeds[-2 * held : -held], seeds[-held:])
+    stop, fit = (max(1, round(share * config.people)) for share in SHARES)
+    groups = (seeds[: -stop - fit], seeds[-stop - fit : -fit], seeds[-fit:])
     with Progress(console=console or Console(stderr=True)) as progress:
         task = progress.add_task("recording simulated wearers", total=config.people)
 
         def step() -> None:
             progress.advance(task)
 
-        training, validation, choosing = (
-            record_people(group, difficulty, config.seconds, config.work / "streams", step) for group in groups
+        training, stopping, calibrating = (
+            record_people(
+                group,
+                difficulty,
+                config.seconds,
+                config.work / "streams",
+                step,
+                trembling_every=config.trembling_every,
+            )
+            for group in groups
         )
-        trained = fit_network(config.recipe, training, validation, config.work, progress=progress)
-    bundle = make_bundle(trained, validation, choosing, config.precision, config.method, _provenance(config, trained))
-    return save_bundle(bundle, config.out)
+        trained = fit_network(config.recipe, training, stopping, config.work, progress=progress)
+    weights = network_weights(trained)
+    fitted = calibrate(logits_by_loss(weights, trained.statistics, calibrating), calibrating)
+    return save_bundle(make_bundle(trained, fitted, config.precision, _provenance(config, trained)), config.out)
 
 
-def make_bundle(
-    trained: Trained,
-    calibration_people: Stream,
-    threshold_people: Stream,
-    precision: float,
-    method: Method,
-    provenance: Mapping[str, Any],
-    note: Callable[[str], None] = lambda _: None,
-) -> Bundle:
-    """Calibrate on one group of people, choose tau_on on another by replaying the real gate."""
+def network_weights(trained: Trained) -> Weights:
+    """For the engine that runs. Raises ValueError for a network that it does not."""
     if not isinstance(trained.network, GruNetwork):
         raise ValueError("only the GRU runs in the bridge; the transformer is an ablation")
-    calibration = calibrate(trained, calibration_people, method)
-    weights = export_weights(trained.network, trained.logit_offset)
-    logits = stream_logits(weights, threshold_people, trained.statistics)
-    beliefs = estimates(logits, calibration, ALL_VALID)
-    tau_on, result = choose_threshold(beliefs, threshold_people, precision, TAU_BAND)
-    note(f"tau_on {tau_on}: act-only precision {result.act_only_precision:.3f}, coverage {result.coverage:.3f}")
-    figures = {"act_only_precision": round(result.act_only_precision, 4), "coverage": round(result.coverage, 4)}
-    return Bundle(
+    return export_weights(trained.network, trained.logit_offset)
+
+
+def make_bundle(trained: Trained, fitted: Calibrated, precision: float, provenance: Provenance) -> Bundle:
+    """A network with its calibration; tau_on is the lowest from which on the replay reaches `precision`, or the highest."""
+    weights = network_weights(trained)
+    assert isinstance(trained.network, GruNetwork)
+    statistics = trained.statistics
+    made = Bundle(
         weights,
-        trained.statistics.mean,
-        trained.statistics.std,
+        statistics.mean,
+        statistics.std,
         STEPS,
-        calibration,
-        Thresholds(tau_on, max(0.02, round(tau_on - TAU_BAND, 3))),
-        network_vectors(trained.network, trained.logit_offset, trained.statistics.mean, trained.statistics.std, STEPS),
-        {**provenance, "threshold_replay": figures},
+        fitted.temperatures,
+        fitted.maps,
+        thresholds_at(fitted.curve[-1].tau_on),
+        fitted.curve,
+        network_vectors(trained.network, trained.logit_offset, statistics.mean, statistics.std, STEPS),
+        0.0,
+        provenance,
     )
+    chosen = made.tau_for(precision)
+    tau_on = made.thresholds.tau_on if chosen is None else chosen
+    return replace(made, thresholds=thresholds_at(tau_on), person_spread=spread_at(fitted, tau_on))
 
 
-def calibrate(trained: Trained, people: Stream, method: Method, every: int = 12) -> Calibration:
-    """Calibrators from every 12th window of `people`, one temperature for each set of modalities that may be left."""
-    ends = window_ends(people, every)
-    labels = people.label[ends]
-    by_mask = {}
-    for lost in (lost for size in range(3) for lost in combinations(Modality, size)):
-        mask = ALL_VALID & ~sum(1 << int(modality) for modality in lost)
-        logits = predict_logits(trained.network, people, ends, trained.statistics, lost) + trained.logit_offset
-        by_mask[mask] = (logits, labels)
-    return fit_calibration(by_mask, method)
+def spread_at(fitted: Calibrated, tau_on: float) -> float:
+    """How far people differ at one threshold, from people whose maps were fitted on others."""
+    everybody = [
+        own
+        for turn, done in zip(fitted.turns, replays(fitted.turns, tau_on), strict=True)
+        for own in actions_of(done, turn.stream.subject).values()
+    ]
+    return round(fit_spread(everybody), 4)
 
 
-def replay_bundle(bundle: Bundle, people: Stream) -> dict[str, float]:
-    """How a bundle's gate fares on people it has never seen: act-only precision, coverage, false assists per minute."""
-    from hilbridge.core.gate import GateConfig
-    from hilbridge.learning.data.windows import Statistics
+def thresholds_at(tau_on: float) -> Thresholds:
+    """tau_on with the hysteresis that the curve was replayed with."""
+    return Thresholds(tau_on, max(0.02, round(tau_on - TAU_BAND, 3)))
 
+
+def replay_bundle(bundle: Bundle, people: Stream, tau_on: float | None = None) -> Replay:
+    """How a bundle's gate fares on people; at its own threshold unless another is given."""
     logits = stream_logits(bundle.weights, people, Statistics(bundle.mean, bundle.std))
-    config = GateConfig(tau_on=bundle.thresholds.tau_on, tau_off=bundle.thresholds.tau_off)
-    result = replay(config, estimates(logits, bundle.calibration, ALL_VALID), people)
-    return {
-        "act_only_precision": result.act_only_precision,
-        "coverage": result.coverage,
-        "false_assists_per_minute": result.false_assists / (len(people) / 25.0 / 60.0),
-    }
+    seen = watch(logits, conditions(people), people.subject, bundle.temperatures, GATE)
+    config = with_taus(GATE, bundle.thresholds.tau_on if tau_on is None else tau_on, TAU_BAND)
+    return replay(replace(config, maps=bundle.maps), seen, people)
 
 
-def _provenance(config: TrainConfig, trained: Trained) -> dict[str, Any]:
+def versions() -> dict[str, str]:
+    """What a bundle is made with."""
+    return {"hilbridge": hilbridge.__version__, **{name: version(name) for name in ("torch", "numpy", "scikit-learn")}}
+
+
+def _provenance(config: TrainConfig, trained: Trained) -> Provenance:
     best = min(trained.history, key=lambda row: row["validation_nll"])
-    return {
-        "origin": "simulated wearer",
-        "trained_on": f"simulated wearer, difficulty {config.wearer}",
-        "people": config.people,
-        "seconds_each": config.seconds,
-        "first_seed": config.first_seed,
-        "recipe": asdict(config.recipe),
-        "validation": {key: round(float(np.asarray(value)), 4) for key, value in best.items()},
-        "note": "no real person's data is in this bundle",
-    }
+    return Provenance(
+        Origin.SIMULATED,
+        config.people,
+        round(config.people * config.seconds / 60.0, 3),
+        {**asdict(config.recipe), "wearer": config.wearer, "first_seed": config.first_seed}
+        | {"trembling_every": config.trembling_every},
+        figures={"validation": {key: round(float(value), 4) for key, value in best.items()}},
+        versions=versions(),
+    )

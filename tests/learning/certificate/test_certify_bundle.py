@@ -14,6 +14,9 @@ from hilbridge.learning.certificate.certify_bundle import (
     method_named,
 )
 from hilbridge.learning.data.synthetic import record_people
+from hilbridge.learning.training.gate_fit import GATE
+from hilbridge.learning.training.replay import watch, window_masks
+from hilbridge.verbs import VERBS
 from hilbridge.wearer.timeline import DEMO
 
 
@@ -33,7 +36,7 @@ def test_a_bundle_is_certified_through_the_gate_and_written(tmp_path):
     assert result.written is not None
     bundle = load_bundle(result.written)
     assert bundle.thresholds.tau_on == result.certificate.tau_on
-    assert bundle.provenance["certificate"]["method"] == "cluster_t"
+    assert bundle.provenance.certificate.method == "cluster_t"
     text = " ".join(result.lines())
     assert "assumes" in text
     assert "epsilon" in text
@@ -58,12 +61,15 @@ def test_wrong_settings_are_named(tmp_path):
 
 def test_silence_never_acts():
     people = record_people([70], DEMO, 4.0)
-    counts = gate_counts([None] * len(people), people)
+    silence = watch(np.full((100, len(VERBS)), np.nan), window_masks(people), people.subject, {}, GATE)
+    counts = gate_counts(GATE, silence, people)
     assert counts.acting.sum() == 0
     assert np.array_equal(counts.total, [100])
 
 
 def test_an_unknown_method_is_refused_with_those_there_are():
     assert method_named("cluster_t") is Method.CLUSTER_T
-    with pytest.raises(ValueError, match="method 'foo': must be one of betting, cluster_t, clopper_pearson"):
+    with pytest.raises(
+        ValueError, match="method 'foo': must be one of betting, betting_pooled, cluster_t, clopper_pearson"
+    ):
         method_named("foo")

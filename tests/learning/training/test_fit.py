@@ -5,7 +5,8 @@ import pytest
 
 pytest.importorskip("sklearn")
 
-from hilbridge.intent.calibration import ALL_VALID, ISOTONIC_CAP, Method
+from hilbridge.confidence import ALL_VALID
+from hilbridge.learning.calibrators import ISOTONIC_CAP, Method
 from hilbridge.learning.experiments.benchmark import LOSSES, Plan, mask_of, network_path
 from hilbridge.learning.metrics import ece
 from hilbridge.learning.training.fit import fit_calibration, fit_isotonic

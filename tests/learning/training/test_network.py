@@ -53,6 +53,7 @@ def stream(data, people) -> Stream:
         empty,
         empty,
         np.zeros((count, 21), dtype=np.float32),
+        np.ones(count, dtype=bool),
     )
 
 

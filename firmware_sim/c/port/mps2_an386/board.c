@@ -1,4 +1,5 @@
-/* Reference port: an ARM Cortex-M4 (MPS2, AN386) as QEMU emulates it. CAN is SLCAN on UART 0; the arm swings by itself.
+/* Reference port: an ARM Cortex-M4 (MPS2, AN386) as QEMU emulates it. CAN is SLCAN on UART 0; the arm swings by itself;
+ * a letter c on UART 1 is the hand at the device.
  *
  * It is for trying and testing. Its random numbers come from the times at which bytes arrive: on a board that a person
  * wears, take the chip's generator. Its key is the public one.
@@ -12,11 +13,20 @@
 #define UART_DATA REGISTER(0x40004000U)
 #define UART_STATE REGISTER(0x40004004U)
 #define UART_CONTROL REGISTER(0x40004008U)
+#define UART_CAME REGISTER(0x4000400CU)
 #define UART_DIVIDER REGISTER(0x40004010U)
+#define HAND_DATA REGISTER(0x40005000U)
+#define HAND_STATE REGISTER(0x40005004U)
+#define HAND_CONTROL REGISTER(0x40005008U)
+#define HAND_DIVIDER REGISTER(0x40005010U)
 #define SYSTICK_CONTROL REGISTER(0xE000E010U)
 #define SYSTICK_RELOAD REGISTER(0xE000E014U)
 #define SYSTICK_VALUE REGISTER(0xE000E018U)
+#define INTERRUPTS REGISTER(0xE000E100U)
 #define CLOCK_HZ 25000000U
+#ifndef BOARD_KEY
+#define BOARD_KEY "hilbridge-demo-k" /* 16 letters */
+#endif
 #define LINE 32U /* the longest: T, 8 of identifier, length, 16 of data */
 
 static volatile uint32_t milliseconds;
@@ -26,11 +36,29 @@ static size_t filled;
 static bool is_open;
 static uint8_t queued_count;
 static ctl_frame queued[16];
+#ifdef BOARD_LAB
+/* Milliseconds that the laboratory has granted: after the first, time goes by only so. A frame that is sent ends a grant. */
+static uint32_t granted, used;
+static bool is_granted;
+#endif
 
 void SysTick_Handler(void);
+void Uart_Handler(void);
 void Reset_Handler(void);
 
 void SysTick_Handler(void) { milliseconds = milliseconds + 1; }
+
+/* A byte has come: reason enough to wake. */
+void Uart_Handler(void) { UART_CAME = 2; }
+
+/* Sleep until a byte or a millisecond comes; one that has come since `seen` is none to sleep over. */
+static void rest(uint32_t seen) {
+    __asm volatile("cpsid i");
+    if ((UART_STATE & 2U) == 0 && milliseconds == seen) {
+        __asm volatile("wfi");
+    }
+    __asm volatile("cpsie i");
+}
 
 uint32_t port_random(void) {
     chance ^= SYSTICK_VALUE;
@@ -74,6 +102,12 @@ static void take_line(void) {
         is_open = line[0] == 'O';
         return;
     }
+#ifdef BOARD_LAB
+    if (line[0] == 'g') {
+        is_granted = number(1, 4, &granted);
+        return;
+    }
+#endif
     if (!is_open || !(extended || remote || line[0] == 't') || !number(1, digits, &frame->can_id) ||
         !number(1 + digits, 1, &length) || length > CTL_FRAME_LENGTH) {
         return;
@@ -129,6 +163,9 @@ static void put_hex(uint32_t value, int digits) {
 }
 
 bool port_send(const ctl_sent *frame) {
+#ifdef BOARD_LAB
+    granted = 0;
+#endif
     if (!is_open) {
         return false;
     }
@@ -144,9 +181,29 @@ bool port_send(const ctl_sent *frame) {
 
 int64_t port_tick(void) {
     static uint32_t seen;
+#ifdef BOARD_LAB
+    if (is_granted) {
+        if (granted == 0) {
+            put('G'); /* so many have gone by */
+            put_hex(used, 4);
+            put('\r');
+            used = 0;
+        }
+        while (granted == 0) {
+            rest(milliseconds);
+            listen();
+        }
+        granted--;
+        used++;
+        seen++;
+        return seen;
+    }
+#endif
     while (milliseconds == seen) {
         listen();
+        rest(seen);
     }
+    listen();
     seen++; /* one tick after the other, also where the emulator was late */
     return seen;
 }
@@ -165,12 +222,16 @@ void port_joint(int64_t torque_unm, ctl_inputs *inputs) {
     inputs->measured_unm = (int32_t)torque_unm;
     inputs->commanded_unm = (int32_t)torque_unm;
     inputs->self_test_ok = true;
+    inputs->local_clear = (HAND_STATE & 2U) != 0 && HAND_DATA == 'c';
 }
 
 static void start(void) {
-    static const uint8_t key[CTL_KEY_LENGTH + 1] = "hilbridge-demo-k";
+    static const uint8_t key[CTL_KEY_LENGTH + 1] = BOARD_KEY;
     UART_DIVIDER = 16;
-    UART_CONTROL = 3;
+    UART_CONTROL = 11; /* sends, receives, and tells of each byte */
+    INTERRUPTS = 1;
+    HAND_DIVIDER = 16;
+    HAND_CONTROL = 3;
     SYSTICK_RELOAD = CLOCK_HZ / 1000 - 1;
     SYSTICK_VALUE = 0;
     SYSTICK_CONTROL = 7;
@@ -198,9 +259,10 @@ typedef union {
     void (*handler)(void);
 } vector;
 
-__attribute__((section(".vectors"), used)) static const vector vectors[16] = {
+__attribute__((section(".vectors"), used)) static const vector vectors[17] = {
     {.top = stack_top}, {.handler = Reset_Handler}, {.handler = stop}, {.handler = stop}, {.handler = stop},
     {.handler = stop},  {.handler = stop},          {.handler = stop}, {.handler = stop}, {.handler = stop},
     {.handler = stop},  {.handler = stop},          {.handler = stop}, {.handler = stop}, {.handler = stop},
     {.handler = SysTick_Handler},
+    {.handler = Uart_Handler},
 };

@@ -1,0 +1,136 @@
+"""A device known by its frames alone: what the witness makes of them against what the device's own log says."""
+
+from __future__ import annotations
+
+import pytest
+
+from firmware_sim.frames import STOP
+from firmware_sim.memory import Received
+from hilbridge.bus.port.spec import BusSpec
+from hilbridge.errors import InputError
+from hilbridge.limits import MS
+from hilbridge.records import Frame
+from hilbridge.wire.codec import Codec
+from scenarios.format.schema import Scenario
+from scenarios.live.external import External, external_device, refuse_silence, reset
+from scenarios.live.possible import impossible_live
+from scenarios.live.witness import Witness
+from tests.safety.rig import ACT_POUR, HOLD, Rig
+from tests.scenarios.made import scenario
+
+BUS = BusSpec("hilsim", "under-test")
+
+
+class Watched:
+    """A rig whose frames, both ways, a witness hears, too."""
+
+    def __init__(self) -> None:
+        self.rig = Rig()
+        self.witness = Witness(Codec())
+        self.lines: list[dict[str, object]] = []
+        self.rig.to_device = self._hear
+        self.rig.to_bridge = self._hear
+
+    def _hear(self, frame: Received) -> list[Received]:
+        self.lines += self.witness.take(Frame(frame.can_id, frame.data, self.rig.now_ms * MS))
+        return [frame]
+
+    @property
+    def last(self) -> dict[str, object]:
+        return self.lines[-1]
+
+
+def test_it_knows_state_session_and_torque() -> None:
+    watched = Watched()
+    rig = watched.rig.assisting(ACT_POUR, settle_ms=600)
+    line = watched.last
+    assert (line["state"], line["armed"], line["session"]) == ("Assist", True, rig.state.session)
+    assert line["accepted_hold"] is False
+    assert line["accepted_live"] is True
+    assert line["accepted_ms"] == pytest.approx(rig.state.command_ms, abs=41)
+    assert line["assist_nm"] == pytest.approx(rig.outputs.assist_unm * 1e-6, abs=0.05)
+    assert line["gravity_nm"] == pytest.approx(rig.outputs.gravity_unm * 1e-6, abs=0.06)
+
+
+def test_zero_is_exactly_zero_and_a_hold_is_one() -> None:
+    watched = Watched()
+    watched.rig.assisting(ACT_POUR)
+    watched.rig.decision = HOLD
+    watched.rig.run(200)
+    assert (watched.last["state"], watched.last["assist_nm"], watched.last["accepted_hold"]) == ("Ready", 0.0, True)
+
+
+def test_it_remembers_the_first_stop() -> None:
+    watched = Watched()
+    watched.rig.assisting(ACT_POUR)
+    watched.rig.put(Received(STOP, b""))
+    stopped_ms = watched.rig.now_ms
+    watched.rig.run(100)
+    watched.rig.put(Received(STOP, b""))
+    watched.rig.run(100)
+    assert watched.last["state"] == "EStop"
+    assert watched.last["stop_ms"] == stopped_ms
+
+
+def test_lines_come_in_order_and_a_rise_is_never_steeper_than_it_was() -> None:
+    watched = Watched()
+    watched.rig.assisting(ACT_POUR, settle_ms=1500)
+    stamps = [line["ends_ns"] for line in watched.lines]
+    assert stamps == sorted(stamps)
+    pairs = zip(watched.lines, watched.lines[1:], strict=False)
+    for before, after in pairs:
+        took_s = (after["ends_ns"] - before["ends_ns"]) / 1e9  # type: ignore[operator]
+        rise = abs(float(str(after["assist_nm"]))) - abs(float(str(before["assist_nm"])))
+        assert rise <= 12.0 * took_s + 0.0021
+
+
+def test_rubbish_is_no_line() -> None:
+    witness = Witness(Codec())
+    assert [witness.take(Frame(can_id, bytes(8))) for can_id in (0x0A0, 0x0A1, 0x060, 0x7FF)] == [[], [], [], []]
+
+
+def test_what_is_asked_for_is_refused_where_it_makes_no_sense() -> None:
+    assert external_device("simulated", None, live=False) is None
+    assert external_device("external", "can1", live=True) == External("can1")
+    for device, plant_bus, live in (("real", None, True), ("simulated", "can1", True), ("external", None, False)):
+        with pytest.raises(InputError):
+            external_device(device, plant_bus, live=live)
+
+
+def test_a_bus_without_a_device_or_with_a_bridge_is_refused() -> None:
+    ready, stopped = bytes((0, 0, 0, 3, 0, 0, 0, 0)), bytes((0, 0, 0, 8, 0, 0, 0, 0))
+    refuse_silence(BUS, {0x0A0: ready, 0x0A1: b""})
+    with pytest.raises(InputError, match="no device under test is heard"):
+        refuse_silence(BUS, {0x121: b""})
+    with pytest.raises(InputError, match="a bridge is on it already"):
+        refuse_silence(BUS, {0x0A0: ready, 0x060: b""})
+    with pytest.raises(InputError, match="latched or stopped; clear it, or give --reset-command"):
+        refuse_silence(BUS, {0x0A0: stopped})
+
+
+def test_a_reset_command_that_fails_is_one_line() -> None:
+    reset("true")
+    for command in ("false", "no-such-command-here", '"', ""):
+        with pytest.raises(InputError, match="give one that resets the device"):
+            reset(command)
+
+
+def _scenario(fault: str, **device: str) -> Scenario:
+    step = {"at": "100 ms", "fault": fault} | ({} if fault == "device.restart" else {"for": "100 ms"})
+    return scenario(steps=[step], device=device)
+
+
+@pytest.mark.parametrize("fault", ["device.sensor_fault", "device.torque_bias", "wearer.opposing"])
+def test_faults_within_an_external_device_are_refused_with_their_line(fault: str) -> None:
+    asked = _scenario(fault)
+    assert impossible_live(asked, BUS) is None
+    found = impossible_live(asked, BUS, external=True)
+    assert found is not None
+    assert found.location == ("steps", 0, "fault")
+
+
+def test_an_external_device_is_reset_by_its_users_command_alone() -> None:
+    found = impossible_live(_scenario("device.restart"), BUS, external=True)
+    assert found is not None
+    assert "reset_command" in found.why
+    assert impossible_live(_scenario("device.restart", reset_command="true"), BUS, external=True) is None
