@@ -7,9 +7,9 @@ import tomllib
 from pathlib import Path
 
 from hilbridge.config import Config, load_config
-from scenarios.format.files import load_scenario
-from scenarios.format.schema import FIGURES
-from scenarios.lockstep.run import run_scenario
+from hilscenario.format.files import load_scenario
+from hilscenario.format.schema import FIGURES
+from hilscenario.lockstep.run import run_scenario
 from tests.tools import protocol_page
 
 ROOT = Path(__file__).resolve().parents[2]

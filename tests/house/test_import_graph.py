@@ -182,6 +182,7 @@ def test_the_device_loads_nothing_of_the_bridge_but_its_bus(tmp_path: Path) -> N
 
 def test_scenarios_load_nothing_for_training(tmp_path: Path) -> None:
     assert (
-        _loaded("scenarios.cli", "--help", tmp_path=tmp_path) & {"torch", "sklearn", "mediapipe", "hilbridge.learning"}
+        _loaded("hilscenario.cli", "--help", tmp_path=tmp_path)
+        & {"torch", "sklearn", "mediapipe", "hilbridge.learning"}
         == set()
     )

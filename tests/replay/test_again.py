@@ -17,9 +17,9 @@ from hilbridge.replay.difference import Compared
 from hilbridge.replay.page import Traces, write_page
 from hilbridge.replay.source import Source
 from hilbridge.rows import ConfigRow, FeaturesRow, MetaRow, Row, TickRow
-from scenarios.format.files import scenario_of
-from scenarios.format.schema import Scenario
-from scenarios.lockstep.run import run_scenario
+from hilscenario.format.files import scenario_of
+from hilscenario.format.schema import Scenario
+from hilscenario.lockstep.run import run_scenario
 
 EXPECT = [{"that": "always device.assist_nm <= 2.001"}]
 # Everything that a decision may depend on happens: dropouts, a tremor, a late tick, a bus that is cut, a bridge born anew.
