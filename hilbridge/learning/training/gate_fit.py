@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from sklearn.isotonic import IsotonicRegression
+from sklearn.linear_model import LogisticRegression
 
 from hilbridge.confidence import ALL_VALID, MASKS, TREMOR_SHIFT, ConfidenceMaps, RisingMap
 from hilbridge.core.gate import GateConfig
@@ -31,7 +32,10 @@ CAP = 0.99
 MOST_GROUPS = 60
 LEAST_PER_GROUP = 150  # ticks: neighbours say nearly the same, so these are a few independent ones
 LEAST_TICKS = 1500  # a minute of a level of tremor; with less it counts as never measured, and is never acted on
-PSEUDO_TICKS = 15.0  # that believe the smoothed probability as it stands
+# A point of the curve on less coverage, or on fewer than a quarter of the people, is noise.
+LEAST_COVERAGE = 0.02
+LEAST_PEOPLE = 5
+PSEUDO_TICKS = 200.0  # that believe the logistic curve
 TEMPERATURE_EVERY = 12  # steps: windows between hardly differ
 TAU_BAND = 0.05  # tau_on - tau_off, in confidence: wider, and what is kept acting on is well below what tau_on promises
 GATE = GateConfig(tau_on=0.5, tau_off=0.5 - TAU_BAND)
@@ -40,7 +44,11 @@ TAUS = tuple(round(0.05 + 0.025 * step, 3) for step in range(37))
 
 
 def fit_map(probability: Floats, right: Flags) -> RisingMap:
-    """The chance of being right for each smoothed probability, rising, at most 0.99."""
+    """The chance of being right for each smoothed probability, rising, at most 0.99.
+
+    Ticks are pooled into groups, and each is pulled towards a logistic curve through all of them: the highest group of a few
+    people is a few lucky actions.
+    """
     order = np.argsort(probability, kind="stable")
     if len(order) == 0:
         return RisingMap((0.0, 1.0), (0.0, 0.0))
@@ -48,11 +56,21 @@ def fit_map(probability: Floats, right: Flags) -> RisingMap:
     x = np.array([probability[group].mean() for group in groups])
     hits = np.array([right[group].sum() for group in groups], dtype=float)
     count = np.array([len(group) for group in groups], dtype=float)
-    y = (hits + PSEUDO_TICKS * x) / (count + PSEUDO_TICKS)
+    y = (hits + PSEUDO_TICKS * _logistic(x, hits, count)) / (count + PSEUDO_TICKS)
     rising = IsotonicRegression(y_min=0.0, y_max=CAP).fit_transform(x, y, sample_weight=count)
     # Straight down to nothing below the lowest group, flat above the highest: nobody knows what lies beyond.
     xs = (0.0, *(float(number) for number in np.clip(np.maximum.accumulate(x), 0.0, 1.0)), 1.0)
     return RisingMap(xs, (0.0, *(float(number) for number in rising), float(rising[-1])))
+
+
+def _logistic(x: Floats, hits: Floats, count: Floats) -> Floats:
+    """What a logistic curve on the log odds of the smoothed probability says of each group: two numbers for all of them."""
+    odds = np.log(np.clip(x, 1e-4, 1.0 - 1e-4) / np.clip(1.0 - x, 1e-4, 1.0))[:, None]
+    if not 0.0 < hits.sum() < count.sum():
+        return np.full(len(x), hits.sum() / count.sum())
+    both = np.concatenate([np.ones(len(x)), np.zeros(len(x))])
+    model = LogisticRegression().fit(np.concatenate([odds, odds]), both, np.concatenate([hits, count - hits]))
+    return np.asarray(model.predict_proba(odds)[:, 1])
 
 
 def fit_maps(parts: Iterable[tuple[Watched, Stream]]) -> ConfidenceMaps:
@@ -151,15 +169,16 @@ def replays(turns: Sequence[Turn], tau_on: float) -> list[Replay]:
 
 
 def replayed_curve(turns: Sequence[Turn]) -> tuple[Replayed, ...]:
-    """The gate at each tau_on where it acts."""
+    """The gate at each tau_on where it acts for long enough to say something, and for more than a person or two."""
+    everybody = sum(len(np.unique(turn.stream.subject)) for turn in turns)
     known = sum(int(turn.stream.known.sum()) for turn in turns)
     made = []
     for tau_on in TAUS:
         done = replays(turns, tau_on)
         subject = np.concatenate([turn.stream.subject[one.judged] for one, turn in zip(done, turns, strict=True)])
         right = np.concatenate([one.right[one.judged] for one in done])
-        if len(right):
-            names, place = np.unique(subject, return_inverse=True)
+        names, place = np.unique(subject, return_inverse=True)
+        if 0 < len(right) >= LEAST_COVERAGE * known and len(names) >= min(everybody, max(LEAST_PEOPLE, everybody // 4)):
             own = np.bincount(place, weights=right) / np.bincount(place)
             coverage = len(right) / max(1, known)
             made.append(
