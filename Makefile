@@ -5,7 +5,7 @@ BIN := $(VENV)/bin
 OUT ?=
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test check safety firmware bench soak clean
+.PHONY: help demo test check safety firmware bench soak docs clean
 
 help:  ## list the targets
 	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*##/\t/' | expand -t 12
@@ -61,6 +61,9 @@ bench: $(VENV)/.all  ## what prediction, tick, codec and bus cost on this machin
 MINUTES ?= 30
 soak: $(VENV)/.all  ## the bridge for MINUTES=30 against a device: memory flat, no false trips, jitter (needs an otherwise quiet machine)
 	OPENBLAS_NUM_THREADS=1 $(BIN)/python -m tests.tools.soak --minutes $(MINUTES)
+
+docs: $(VENV)/.all  ## the documents as a site in build/site
+	NO_MKDOCS_2_WARNING=1 $(BIN)/python -m mkdocs build --quiet
 
 clean:  ## remove the environment and what runs have written
 	rm -rf $(VENV) out build *.egg-info

@@ -16,6 +16,7 @@ import threading
 import time
 from collections import deque
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from types import FrameType
 from typing import IO, NoReturn
@@ -248,6 +249,7 @@ def _parser() -> argparse.ArgumentParser:
         description="Simulated assistive controller with an arm and an actuator on a CAN bus.",
         epilog=f"Commands, a line each, from a pipe or with --interactive: {_COMMANDS}. SIGUSR1 is the local action too.",
     )
+    parser.add_argument("--version", action="version", version=f"firmware-sim {version('hilbridge')}")
     parser.add_argument("--bus", default="auto", help="auto, vcan0, can0, hilsim:NAME or interface:channel")
     parser.add_argument("--key-file", type=Path, help="shared key, 32 hex digits, mode 0600 (default: the demo key)")
     parser.add_argument("--controller", choices=CONTROLLERS, default="python", help="the reference, or the same in C")

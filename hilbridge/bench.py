@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import importlib.util
-import resource
 import statistics
 import subprocess
 import sys
@@ -50,7 +49,7 @@ class BenchResult:
     wire_encode_us: float
     wire_decode_us: float
     import_s: float
-    rss_mb: float
+    rss_mb: float | None
 
     def as_json(self) -> dict[str, Any]:
         return {name: None if v is None else round(v, 4) for name, v in asdict(self).items()}
@@ -68,7 +67,6 @@ def run_bench(repeats: int = 400, show: Callable[[str], None] = lambda text: Non
     encode_us, decode_us = _codec_us(repeats * 10)
     step = percentile(step_ms, 0.5) or 0.0
     window = percentile(window_ms, 0.5)
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return BenchResult(
         predict_step_ms_p50=step,
         torch_window_ms_p50=window,
@@ -77,8 +75,17 @@ def run_bench(repeats: int = 400, show: Callable[[str], None] = lambda text: Non
         wire_encode_us=encode_us,
         wire_decode_us=decode_us,
         import_s=import_s,
-        rss_mb=peak / (1e6 if sys.platform == "darwin" else 1e3),
+        rss_mb=_peak_mb(),
     )
+
+
+def _peak_mb() -> float | None:
+    """The most memory that this process had; None where the system does not count it."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
 
 
 def _vectors(count: int) -> list[FeatureVector]:

@@ -7,11 +7,12 @@ from __future__ import annotations
 import json
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
 from hilbridge import cli_bus, cli_exchange, cli_learning, cli_record, cli_run
+from hilbridge.cli_examples import EXAMPLES
 from hilbridge.cli_run import (
     BundleFile,
     Bus,
@@ -26,10 +27,8 @@ from hilbridge.cli_run import (
     Skeleton,
     print_or_json,
 )
+from hilbridge.cli_shared import Version, open_in_browser, show_examples
 from hilbridge.guard import run_guarded
-
-if TYPE_CHECKING:
-    pass
 
 # The predictor's matrices are small: a second BLAS thread only spins on the processor that the device or camera needs.
 # It must be said before numpy is imported, which every command does itself.
@@ -39,13 +38,17 @@ app = typer.Typer(
     name="hilbridge",
     help="Hardware-in-loop CAN bridge for assistive devices: predicts, decides Act or Hold, speaks CAN.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
 )
 
 
 def _print_json(value: Any) -> None:
     typer.echo(json.dumps(value, sort_keys=True, allow_nan=False))
+
+
+@app.callback()
+def _every_command(version: Version = False) -> None:
+    """What stands before the command's name."""
 
 
 @app.command()
@@ -56,6 +59,7 @@ def demo(
     bus: Annotated[str, typer.Option("--bus", help="auto, vcan0, or any python-can interface:channel")] = "auto",
     seed: Annotated[int, typer.Option(min=0, help="which simulated person and session")] = 3,
     tremor_hz: Annotated[float, typer.Option(min=0.0, max=15.0, help="give the wearer a tremor of so many Hz")] = 0.0,
+    open_page: Annotated[bool, typer.Option("--open", help="open the report in a browser at the end")] = False,
     as_json: Json = False,
 ) -> None:
     """Run the main job: a simulated wearer, the bridge, CAN, and a simulated device in another process."""
@@ -66,6 +70,8 @@ def demo(
     with run_folder("demo", out, force=force) as folder, live_line(seconds, quiet=as_json) as progress:
         outcome = run_demo(DemoOptions(seconds, folder, bus, seed, tremor_hz), progress)
     print_or_json(outcome, as_json)
+    if open_page:
+        open_in_browser(outcome.report.resolve().as_uri())
 
 
 @app.command()
@@ -153,6 +159,7 @@ cli_exchange.register(app)
 cli_learning.register(app)
 cli_record.register(app)
 cli_run.register(app)
+show_examples(app, EXAMPLES)
 
 
 def main() -> None:

@@ -151,14 +151,13 @@ def label(
 
 
 def _label_page(recording: Path, port: int, *, open_page: bool) -> None:
-    import webbrowser
-
+    from hilbridge.cli_shared import open_in_browser
     from hilbridge.labels.page import LabelServer
 
     with LabelServer(recording, port) as server:
         typer.echo(f"label at {server.url} (this computer only; Ctrl-C ends)")
         if open_page:
-            webbrowser.open(server.url)
+            open_in_browser(server.url)
         try:
             server.serve_forever()
         except KeyboardInterrupt:

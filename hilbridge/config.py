@@ -93,6 +93,9 @@ class SensorsConfig(_Part):
         None, description="twelve numbers, row by row: from metres of the skeleton to 0..1 of the camera's picture"
     )
     hands: bool = Field(True, description="find hands with MediaPipe (extra `hands`)")
+    hand_detector: str | None = Field(
+        None, description="a detector of one's own instead: package.module:Name, made in a process of its own"
+    )
     hand_model: str | None = Field(None, description="hand_landmarker.task; default: the user's data folder")
     hand_model_sha256: str | None = Field(
         None, pattern=r"^[0-9A-Fa-f]{64}$", description="of a hand model of one's own; default: only the pinned one"

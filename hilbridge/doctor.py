@@ -107,10 +107,13 @@ def check_clock(samples: int = 50, pause: Callable[[float], None] = time.sleep) 
 
 def check_realtime() -> Finding:
     """Whether the bridge may schedule its tick before everything else."""
+    elsewhere = Finding("real time", Verdict.NOTE, "not offered here", "a busy machine makes ticks late; prefer Linux")
     if sys.platform != "linux":
-        return Finding("real time", Verdict.NOTE, "not offered here", "a busy machine makes ticks late; prefer Linux")
-    import resource
-
+        return elsewhere
+    try:
+        import resource
+    except ImportError:
+        return elsewhere
     limit = resource.getrlimit(resource.RLIMIT_RTPRIO)[0]
     if os.geteuid() == 0 or limit >= Level.TICK:
         return Finding("real time", Verdict.WELL, "round-robin scheduling is allowed")

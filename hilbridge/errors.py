@@ -21,7 +21,7 @@ def needs_extra(extra: str) -> Iterator[None]:
         yield
     except ModuleNotFoundError as error:
         package = (error.name or "").partition(".")[0]
-        if package in ("", "hilbridge", "scenarios"):
+        if package in ("", "hilbridge", "hilscenario"):
             raise
         raise InputError(f"{package} is not installed; add it with `pip install 'hilbridge[{extra}]'`") from None
 

@@ -206,16 +206,18 @@ def open_senses(config: SensorsConfig) -> Senses:
     live = config.gaze is not None and is_live(config.gaze)
     recording = open_gaze(Path(config.gaze)) if config.gaze is not None and not live else None
     model = Path(config.hand_model) if config.hand_model is not None else hand_model_path()
-    if config.hands:
+    if config.hands and config.hand_detector is None:
         try:
             load_hand_model(model, config.hand_model_sha256)
         except InputError as error:
             raise InputError(f"{error}, or give --no-hands") from None
 
     def find_hands() -> FindsHands:
-        from hilbridge.sensors.hands import open_detector
+        from hilbridge.sensors.hands import open_detector, open_own_detector
         from hilbridge.sensors.hands_apart import HandsApart
 
+        if config.hand_detector is not None:
+            return HandsApart(open_own_detector, config.hand_detector)
         return HandsApart(open_detector, model, config.hand_model_sha256)
 
     gaze: Source[GazeSample] | None = None

@@ -136,6 +136,16 @@ def open_detector(model: Path, sha256: str | None) -> HandDetector:
     return HandDetector(model, sha256=sha256)
 
 
+def open_own_detector(spec: str) -> Any:
+    """A detector of one's own (`package.module:Name`), as another process makes it. Raises InputError."""
+    from hilbridge.sensors.live.plugins import called
+
+    made = called("hand_detector", spec)
+    if not callable(getattr(made, "detect", None)):
+        raise InputError(f"hand_detector {spec}: makes a {type(made).__name__} without `detect(frame)` (docs/api.md)")
+    return made
+
+
 @contextlib.contextmanager
 def _quiet_stderr() -> Iterator[None]:
     """MediaPipe's C++ side logs its start to file descriptor 2 and offers no switch."""

@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import replace
 
 from firmware_sim import frames
+from firmware_sim.law.guidance import CONTACT_TICKS, GUIDE_UNM
 from firmware_sim.memory import COUNT_TRIPS, Received
 from firmware_sim.states import Reason, State
 from firmware_sim.watchdogs import AUTH_LIMIT_MS
 from tests.safety.hand import TAKE, Hand
+
+OPEN = 3
 
 
 def spoilt(frame: Received) -> Received:
@@ -60,3 +63,35 @@ def test_an_angle_out_of_this_world_on_both_encoders_is_implausible() -> None:
     hand.inputs = replace(hand.inputs, angle_mdeg=201_000, second_angle_mdeg=201_000, velocity_mdeg_s=0)
     hand.run(4)
     assert hand.state.state is State.PASSIVE
+
+
+def test_guidance_until_contact_ends_with_it_and_fades_once() -> None:
+    hand = Hand().to_ready()
+    hand.inputs = replace(hand.inputs, user_torque_unm=1_500_000, velocity_mdeg_s=25_000)
+    for _ in range(12):
+        hand.beat(*hand.act(OPEN))
+    assert hand.state.torque.guide_unm == GUIDE_UNM
+    hand.inputs = replace(hand.inputs, velocity_mdeg_s=0)  # something is in the way
+    for _ in range(12):
+        hand.beat(*hand.act(OPEN))
+    law = hand.state.torque
+    assert (law.guide_unm, law.guide_tick, law.fade_ticks, law.onset_ticks) == (0, 0, 0, 0)
+    assert CONTACT_TICKS < law.contact_ticks < CONTACT_TICKS + 200
+
+
+def test_guidance_that_has_begun_to_fade_ends_though_the_way_is_free_again() -> None:
+    hand = Hand().to_ready()
+    hand.inputs = replace(hand.inputs, user_torque_unm=1_500_000, velocity_mdeg_s=25_000)
+    for _ in range(12):
+        hand.beat(*hand.act(OPEN))
+    hand.inputs = replace(hand.inputs, velocity_mdeg_s=0)
+    while not hand.state.torque.fade_ticks:
+        hand.beat(*hand.act(OPEN))
+    hand.inputs = replace(hand.inputs, velocity_mdeg_s=25_000)
+    seen = []
+    for _ in range(5):
+        hand.beat(*hand.act(OPEN))
+        seen.append((hand.state.torque.contact_ticks, hand.state.torque.fade_ticks))
+    assert any(contact == 0 and fade > 0 for contact, fade in seen)
+    assert seen[-1][1] == 0
+    assert hand.state.torque.guide_tick == 0

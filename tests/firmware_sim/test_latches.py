@@ -290,7 +290,9 @@ def test_self_test_decides_between_follow_and_latch(healthy: bool) -> None:
 
 
 @requirement("S6")
-def test_a_failed_known_answer_latches(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_failed_known_answer_latches(monkeypatch: pytest.MonkeyPatch, controller: str) -> None:
+    if controller == "c":
+        pytest.skip("the C has an answer of its own, which tests/firmware_sim/c/test_board.py spoils")
     monkeypatch.setattr("firmware_sim.controller.passed", lambda: False)
     hand = Hand()
     hand.run(60)

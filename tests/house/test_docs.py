@@ -7,9 +7,9 @@ import tomllib
 from pathlib import Path
 
 from hilbridge.config import Config, load_config
-from scenarios.format.files import load_scenario
-from scenarios.format.schema import FIGURES
-from scenarios.lockstep.run import run_scenario
+from hilscenario.format.files import load_scenario
+from hilscenario.format.schema import FIGURES
+from hilscenario.lockstep.run import run_scenario
 from tests.tools import protocol_page
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -30,7 +30,10 @@ def test_the_configuration_page_names_every_key_and_its_example_is_accepted(tmp_
 def test_links_between_documents_lead_somewhere() -> None:
     for document in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]:
         for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text(encoding="utf-8")):
-            assert (document.parent / target).exists(), f"{document.name} links to {target}"
+            of_the_site = (
+                target.startswith("reference/") or target == "decisions/index.md"
+            )  # docs/hooks.py writes these
+            assert of_the_site or (document.parent / target).exists(), f"{document.name} links to {target}"
 
 
 def test_nothing_refers_to_a_document_that_a_clone_lacks() -> None:

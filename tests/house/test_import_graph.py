@@ -38,11 +38,14 @@ MAY_IMPORT: dict[str, set[str]] = {
     "replay": {"config", "core", "features", "intent", "observe", "runtime", "sensors"},
     "cli_run": {"check", "config", "doctor", "labels", "run", "runtime", "terminal"},
     "align": {"config", "observe"},
-    "cli_record": {"align", "labels", "observe", "replay", "terminal"},
+    "cli_record": {"cli_shared", "align", "labels", "observe", "replay", "terminal"},
     "demo": {"bus", "config", "core", "observe", "run", "runtime", "wearer"},
     "terminal": {"core", "doctor", "observe", "run", "runtime"},
     "conformance": {"intent", "bus", "config", "core", "runtime", "wire"},
     "cli_bus": {"bus", "config", "conformance", "runtime", "wire"},
+    "api": {"bus", "config", "features", "intent", "observe", "runtime", "sensors", "wire"},
+    "cli_examples": set(),
+    "cli_shared": set(),
     "cli_exchange": {"exchange", "terminal"},
     "cli_learning": {"wearer", "intent", "learning", "people", "terminal"},
     "bench": {"bus", "core", "features", "intent", "learning", "observe", "runtime", "wire"},
@@ -69,7 +72,7 @@ SUBROOMS: dict[str, dict[str, set[str]]] = {
         "certificate": {"data", "metrics", "training"},
         "experiments": {"calibrators", "certificate", "data", "metrics", "training"},
     },
-    "scenarios": {
+    "hilscenario": {
         "signals": set(),
         "format": {"signals"},
         "world": {"format", "signals"},
@@ -97,7 +100,7 @@ def test_rooms_import_only_what_they_may() -> None:
     wrong = {}
     for child, imported in between_children(GRAPH, "hilbridge").items():
         room = child.rpartition(".")[2]
-        if room != "cli":
+        if room not in ("cli", "__main__"):
             wrong[room] = _names(imported) - MAY_IMPORT[room] - GROUND
     assert {room: extra for room, extra in wrong.items() if extra} == {}
 
@@ -123,7 +126,7 @@ HEAVY = {
     "ray",
     "distributed",
     "hilbridge.learning",
-    "scenarios",
+    "hilscenario",
     "firmware_sim",
 }
 
@@ -177,11 +180,12 @@ def test_commands_load_what_they_need_and_nothing_for_training(
 
 def test_the_device_loads_nothing_of_the_bridge_but_its_bus(tmp_path: Path) -> None:
     loaded = _loaded("firmware_sim.node", "--help", tmp_path=tmp_path)
-    assert {name for name in loaded if name.split(".")[0] in ("hilbridge", "scenarios", "torch", "cv2")} == set()
+    assert {name for name in loaded if name.split(".")[0] in ("hilbridge", "hilscenario", "torch", "cv2")} == set()
 
 
 def test_scenarios_load_nothing_for_training(tmp_path: Path) -> None:
     assert (
-        _loaded("scenarios.cli", "--help", tmp_path=tmp_path) & {"torch", "sklearn", "mediapipe", "hilbridge.learning"}
+        _loaded("hilscenario.cli", "--help", tmp_path=tmp_path)
+        & {"torch", "sklearn", "mediapipe", "hilbridge.learning"}
         == set()
     )

@@ -12,8 +12,8 @@ from mcap.writer import Writer
 
 from hilbridge import cli
 from hilbridge.guard import guarded
-from scenarios.format.files import scenario_of
-from scenarios.lockstep.run import run_scenario
+from hilscenario.format.files import scenario_of
+from hilscenario.lockstep.run import run_scenario
 
 COMMANDS = {
     "report": ("report", "{}", "--out", "{}.html"),

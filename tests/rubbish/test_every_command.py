@@ -20,9 +20,9 @@ from firmware_sim import node
 from hilbridge import cli
 from hilbridge.guard import guarded
 from hilbridge.wire.dbc import default_dbc_path
-from scenarios import cli as scenario_cli
-from scenarios.format.files import load_scenario
-from scenarios.lockstep.run import run_scenario
+from hilscenario import cli as scenario_cli
+from hilscenario.format.files import load_scenario
+from hilscenario.lockstep.run import run_scenario
 from tests.labels.made import recording as labelled_recording
 from tests.scenarios.made import CATALOG
 
@@ -227,7 +227,7 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("hilbridge.cli", ["recover", "{recording}", "--out", "{out}/x.mcap"]),
         ("hilbridge.cli", ["demo", "--seconds", "3", "--bus", "hilsim:full", "--out", "{out}"]),
         ("hilbridge.cli", ["train", "--people", "8", "--seconds", "10", "--out", "{out}/b", "--work", "{out}"]),
-        ("scenarios.cli", ["run", "catalog/dropout-gaze-off.yaml", "--jobs", "1", "--out", "{out}"]),
+        ("hilscenario.cli", ["run", "catalog/dropout-gaze-off.yaml", "--jobs", "1", "--out", "{out}"]),
     ],
     ids=lambda value: value[0] if type(value) is list else "",
 )
@@ -254,10 +254,10 @@ def test_a_full_disk_is_one_line_that_names_the_file(
         ("hilbridge.cli", ["--help"]),
         ("hilbridge.cli", ["bus-analysis", str(default_dbc_path())]),
         ("hilbridge.cli", ["doctor", "--bus", "hilsim:closed"]),
-        ("scenarios.cli", ["list", "catalog"]),
-        ("scenarios.cli", ["figures"]),
-        ("scenarios.cli", ["faults"]),
-        ("scenarios.cli", ["schema"]),
+        ("hilscenario.cli", ["list", "catalog"]),
+        ("hilscenario.cli", ["figures"]),
+        ("hilscenario.cli", ["faults"]),
+        ("hilscenario.cli", ["schema"]),
     ],
 )
 def test_a_closed_or_full_output_is_one_line(program: str, words: list[str]) -> None:

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import joblib
 
-from scenarios.campaign import GATE_STATES, base_scenario, run_campaign, samples_of
-from scenarios.format.collect import collect
-from scenarios.format.schema import Scenario
-from scenarios.lockstep.run import run_scenario
-from scenarios.runner import file_name
+from hilscenario.campaign import GATE_STATES, base_scenario, run_campaign, samples_of
+from hilscenario.format.collect import collect
+from hilscenario.format.schema import Scenario
+from hilscenario.lockstep.run import run_scenario
+from hilscenario.runner import file_name
 from tests.safety.defects import DEFECTS, is_clean, is_found
 from tests.safety.table import Row, Scale
 

@@ -19,9 +19,9 @@ from firmware_sim.law.numbers import div
 from firmware_sim.states import TABLE, Event, State
 from hilbridge.core import bridge, gate
 from hilbridge.records import HoldReason
-from scenarios.campaign import GATE_STATES, Sample, base_scenario, scenario_for
-from scenarios.format.schema import Scenario
-from scenarios.lockstep.run import run_scenario
+from hilscenario.campaign import GATE_STATES, Sample, base_scenario, scenario_for
+from hilscenario.format.schema import Scenario
+from hilscenario.lockstep.run import run_scenario
 from tests.safety.table import REFERENCE
 
 

@@ -9,11 +9,11 @@ import pytest
 
 from hilbridge.records import Action, HoldReason
 from hilbridge.rows import TickRow
-from scenarios import cli
-from scenarios.format.files import scenario_of
-from scenarios.format.schema import Scenario
-from scenarios.live.logs.happened import Happened
-from scenarios.signals.device import DeviceLine, device_line
+from hilscenario import cli
+from hilscenario.format.files import scenario_of
+from hilscenario.format.schema import Scenario
+from hilscenario.live.logs.happened import Happened
+from hilscenario.signals.device import DeviceLine, device_line
 
 CATALOG = Path(__file__).parents[2] / "scenarios" / "catalog"
 MS = 1_000_000

@@ -1,4 +1,4 @@
-"""scenarios.campaign where workers die: on this machine's processes and on a Dask cluster, every sample comes out once."""
+"""hilscenario.campaign where workers die: on this machine's processes and on a Dask cluster, every sample comes out once."""
 
 from __future__ import annotations
 
@@ -15,10 +15,10 @@ import joblib
 import pytest
 
 from hilbridge.errors import InputError
-from scenarios import campaign
-from scenarios.campaign import Outcome, Sample, base_scenario, run_campaign, run_sample, samples_of, scenario_for
-from scenarios.format.schema import Scenario
-from scenarios.lockstep.run import run_scenario
+from hilscenario import campaign
+from hilscenario.campaign import Outcome, Sample, base_scenario, run_campaign, run_sample, samples_of, scenario_for
+from hilscenario.format.schema import Scenario
+from hilscenario.lockstep.run import run_scenario
 
 MARK = "HILBRIDGE_TEST_DIES_ONCE"
 

@@ -14,9 +14,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from scenarios import cli
-from scenarios.campaign import base_scenario
-from scenarios.format.files import dump_scenario
+from hilscenario import cli
+from hilscenario.campaign import base_scenario
+from hilscenario.format.files import dump_scenario
 
 CATALOG = Path(__file__).parents[2] / "scenarios" / "catalog"
 
@@ -86,7 +86,7 @@ def test_a_campaign_resumes_where_it_was(tmp_path: Path) -> None:
 def test_ctrl_c_ends_a_campaign_with_one_line_and_keeps_what_it_has(tmp_path: Path, jobs: str) -> None:
     base, log = tmp_path / "base.yaml", tmp_path / "out" / "campaign.jsonl"
     base.write_text(dump_scenario(base_scenario()), encoding="utf-8")
-    command = [sys.executable, "-m", "scenarios.cli", "campaign", str(base), "--out", str(log.parent), "--jobs", jobs]
+    command = [sys.executable, "-m", "hilscenario.cli", "campaign", str(base), "--out", str(log.parent), "--jobs", jobs]
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True) as process:
         while not log.exists() or log.read_text().count("\n") < 2:  # workers that still import would say so
             assert process.poll() is None

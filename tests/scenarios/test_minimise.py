@@ -1,13 +1,13 @@
-"""scenarios.minimise: of many faults the one that matters is left."""
+"""hilscenario.minimise: of many faults the one that matters is left."""
 
 from __future__ import annotations
 
 import pytest
 
 from hilbridge.errors import InputError
-from scenarios.format.files import scenario_of
-from scenarios.format.schema import Scenario
-from scenarios.minimise import minimise_scenario
+from hilscenario.format.files import scenario_of
+from hilscenario.format.schema import Scenario
+from hilscenario.minimise import minimise_scenario
 from tests.safety.defects import DEFECTS, planted
 from tests.scenarios.made import acting
 

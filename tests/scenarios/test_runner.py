@@ -1,4 +1,4 @@
-"""scenarios.runner: what of a folder cannot run is skipped, and told everywhere."""
+"""hilscenario.runner: what of a folder cannot run is skipped, and told everywhere."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from typing import Any
 import pytest
 
 from hilbridge.bus.port.spec import parse_spec
-from scenarios import cli
-from scenarios.format.collect import collect
-from scenarios.format.files import dump_scenario
-from scenarios.format.schema import Scenario
-from scenarios.live.run import judge_live
-from scenarios.runner import RunOptions, file_names, run_all, sort_out
-from scenarios.verdict.junit import write_junit
+from hilscenario import cli
+from hilscenario.format.collect import collect
+from hilscenario.format.files import dump_scenario
+from hilscenario.format.schema import Scenario
+from hilscenario.live.run import judge_live
+from hilscenario.runner import RunOptions, file_names, run_all, sort_out
+from hilscenario.verdict.junit import write_junit
 from tests.scenarios.made import CATALOG, happened, refused, scenario
 
 VCAN, HILSIM = parse_spec("vcan0"), parse_spec("hilsim:x")
@@ -52,7 +52,7 @@ def test_skipped_ones_are_in_the_table_and_in_the_json(
     def at_once(asked: Scenario, spec: object, *, recording: Path | None, where: str, external: object) -> Any:
         return judge_live(asked, happened(), (), 1.0, where)
 
-    monkeypatch.setattr("scenarios.runner.run_live", at_once)
+    monkeypatch.setattr("hilscenario.runner.run_live", at_once)
     for words in ([], ["--json"]):
         monkeypatch.setattr("sys.argv", ["hilscenario", "run", str(tmp_path), "--live", "--bus", "vcan0", *words])
         with pytest.raises(SystemExit) as ended:

@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[2]
 
 def run(out: Path, controller: str) -> str:
     """The whole catalogue in a process of its own; what it prints."""
-    command = [sys.executable, "-m", "scenarios.cli", "run", str(ROOT / "scenarios" / "catalog"), "--out", str(out)]
+    command = [sys.executable, "-m", "hilscenario.cli", "run", str(ROOT / "scenarios" / "catalog"), "--out", str(out)]
     environment = {**os.environ, "PYTHONPATH": str(ROOT), "HILBRIDGE_CONTROLLER": controller}
     done = subprocess.run(command, env=environment, cwd=out.parent, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout + done.stderr

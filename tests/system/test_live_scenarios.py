@@ -19,9 +19,9 @@ from hilbridge.errors import InputError
 from hilbridge.observe.reading import read_recording
 from hilbridge.records import Action
 from hilbridge.rows import TickRow
-from scenarios.format.files import dump_scenario, scenario_of
-from scenarios.format.schema import Scenario, Session
-from scenarios.live.run import run_live
+from hilscenario.format.files import dump_scenario, scenario_of
+from hilscenario.format.schema import Scenario, Session
+from hilscenario.live.run import run_live
 from tests.scenarios.sessions import film
 
 pytestmark = pytest.mark.timeout(300)
@@ -152,7 +152,7 @@ def test_nothing_is_left_behind_however_it_ends(end: str, tmp_path: Path) -> Non
     path = tmp_path / "long.yaml"
     hang: dict[str, Any] = {"fault": "bridge.hang", "at": "500 ms", "for": "100 s"}
     path.write_text(dump_scenario(acting(hang, seconds=120.0)))
-    command = [sys.executable, "-m", "scenarios.cli", "run", str(path), "--live", "--bus", str(bus(end)), "--json"]
+    command = [sys.executable, "-m", "hilscenario.cli", "run", str(path), "--live", "--bus", str(bus(end)), "--json"]
     process = subprocess.Popen(
         command, start_new_session=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
     )

@@ -48,16 +48,16 @@ def await_count(mark: str, count: int) -> None:
     [
         ("hilbridge.cli", ["demo", "--seconds", "60", "--bus", "hilsim:{mark}", "--out", "{folder}"], 3),
         ("firmware_sim.node", ["--bus", "hilsim:{mark}"], 2),
-        ("scenarios.cli", ["run", "{scenario}", "--live", "--bus", "hilsim:{mark}"], 5),
+        ("hilscenario.cli", ["run", "{scenario}", "--live", "--bus", "hilsim:{mark}"], 5),
         ("hilbridge.cli", ["bench"], 3),
         ("hilbridge.cli", ["evaluate", "--out", "{folder}"], 3),
-        ("scenarios.cli", ["campaign", "{base}", "--jobs", "2", "--out", "{folder}"], 3),
+        ("hilscenario.cli", ["campaign", "{base}", "--jobs", "2", "--out", "{folder}"], 3),
     ],
     ids=["demo", "firmware-sim", "live scenario", "bench", "evaluate", "campaign"],
 )
 def test_nobody_is_left(program: str, words: list[str], processes: int, tmp_path: Path) -> None:
-    from scenarios.campaign import base_scenario
-    from scenarios.format.files import dump_scenario
+    from hilscenario.campaign import base_scenario
+    from hilscenario.format.files import dump_scenario
 
     mark = f"orphans-{os.getpid()}-{processes}-{words[0].strip('-')}"
     (tmp_path / "scenario.yaml").write_text(SCENARIO)

@@ -6,7 +6,7 @@ from graphlib import CycleError, TopologicalSorter
 
 import grimp
 
-PACKAGES = ("hilbridge", "firmware_sim", "scenarios")
+PACKAGES = ("hilbridge", "firmware_sim", "hilscenario")
 
 
 def build() -> grimp.ImportGraph:

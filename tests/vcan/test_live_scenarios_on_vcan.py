@@ -25,7 +25,9 @@ def play(names: list[str], out: Path) -> list[dict[str, Any]]:
     """Results of these scenarios live, in their order, each of them told."""
     files = [str(CATALOG / f"{name}.yaml") for name in names]
     words = ["run", *files, "--live", "--force", "--bus", "vcan0", "--out", str(out), "--json"]
-    done = subprocess.run([sys.executable, "-m", "scenarios.cli", *words], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-m", "hilscenario.cli", *words], capture_output=True, text=True, check=False
+    )
     assert done.stdout, done.stderr
     told = json.loads(done.stdout)
     results: list[dict[str, Any]] = told["results"]

@@ -1,9 +1,10 @@
-"""What may be said for a live device: neon:[HOST[:PORT]] (gaze only), lsl:STREAM, udp:[HOST:]PORT."""
+"""What may be said for a live device: neon:[HOST[:PORT]], lsl:STREAM, udp:[HOST:]PORT; for gaze, a class of one's own."""
 
 from __future__ import annotations
 
 from hilbridge.errors import InputError
-from hilbridge.sensors.live.base import LiveBody, LiveGaze
+from hilbridge.sensors.live import plugins
+from hilbridge.sensors.live.base import LiveBody, LiveDevice, LiveGaze
 from hilbridge.sensors.live.lsl import LslBody, LslChannels, LslGaze
 from hilbridge.sensors.live.neon import NeonGaze
 from hilbridge.sensors.live.udp import UdpBody, UdpGaze
@@ -14,7 +15,7 @@ _KINDS = ("neon", "lsl", "udp")
 def is_live(spec: str) -> bool:
     """Whether it names a device and no recording."""
     kind, colon, _ = spec.partition(":")
-    return bool(colon) and kind in _KINDS
+    return (bool(colon) and kind in _KINDS) or plugins.is_own(spec)
 
 
 def open_live_gaze(spec: str, channels: LslChannels, latency_ns: int) -> LiveGaze:
@@ -24,6 +25,9 @@ def open_live_gaze(spec: str, channels: LslChannels, latency_ns: int) -> LiveGaz
         return NeonGaze(rest)
     if kind == "lsl":
         return LslGaze(rest, channels)
+    if kind not in _KINDS:
+        tracker: LiveGaze = plugins.called("gaze", spec, LiveDevice)
+        return tracker
     port, host = _port(f"gaze {spec}", rest)
     return UdpGaze(port, host, latency_ns=latency_ns)
 
@@ -34,6 +38,10 @@ def open_live_body(what: str, spec: str, default: str) -> LiveBody:
     default: what a sensor is called that its sender does not name.
     """
     kind, _, rest = spec.partition(":")
+    if kind not in _KINDS:
+        raise InputError(
+            f"{what} {spec}: code of one's own is for gaze; give lsl:STREAM, udp:PORT or a recording's folder"
+        )
     if kind == "neon":
         raise InputError(f"{what} {spec}: an eye tracker; give lsl:STREAM, udp:PORT or a recording's folder")
     if kind == "lsl":

@@ -42,7 +42,7 @@ _TOKEN = re.compile(
 _BINARY = frozenset("+-*/%&|^") | {"<<", ">>"}
 _AFTER_A_VALUE = re.compile(r"[\w)\]]$")
 _STATEMENT = re.compile(
-    r"^ +(?!return|break|continue|static|const|case|default|u?int|bool|uint|size_t|ctl_\w+ )[^{}/#]+;$"
+    r"^ +(?! )(?!return |break|continue|static|const|case|default|u?int|bool|uint|size_t|ctl_\w+ )[^{}/#]+;$"
 )
 
 
@@ -72,8 +72,8 @@ def _tokens(source: str) -> Iterator[tuple[int, int, str, str]]:
         if token.isspace() or token.startswith("/*"):
             continue
         at_line = source.rfind("\n", 0, found.start()) + 1
-        body = body and not source.startswith("}", at_line) if not source.startswith("{", found.start()) else True
         text = source[at_line : source.find("\n", at_line)]
+        body = (body and not text.startswith("}")) or (token == "{" and text.endswith(") {"))
         is_code = body and not text.startswith(("#", "static const", "    static const"))
         if is_code:
             yield from _changes(found, token, previous)

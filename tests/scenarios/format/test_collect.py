@@ -1,10 +1,10 @@
-"""scenarios.format.collect: the catalogue is found whole, sweeps unfold."""
+"""hilscenario.format.collect: the catalogue is found whole, sweeps unfold."""
 
 from __future__ import annotations
 
-from scenarios.format.collect import collect, unfold
-from scenarios.format.files import scenario_of
-from scenarios.format.vocabulary import FAULTS
+from hilscenario.format.collect import collect, unfold
+from hilscenario.format.files import scenario_of
+from hilscenario.format.vocabulary import FAULTS
 from tests.scenarios.made import CATALOG, acting
 
 

@@ -1,11 +1,11 @@
-"""scenarios.format.durations: what is written is read back."""
+"""hilscenario.format.durations: what is written is read back."""
 
 from __future__ import annotations
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.format.durations import format_duration, parse_duration_ns
+from hilscenario.format.durations import format_duration, parse_duration_ns
 
 
 @given(st.integers(0, 10**13))

@@ -1,4 +1,4 @@
-"""scenarios.format.files: what is read is what was meant, every refusal has file, line and the nearest valid name."""
+"""hilscenario.format.files: what is read is what was meant, every refusal has file, line and the nearest valid name."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from hilbridge.errors import InputError
-from scenarios.format.collect import collect
-from scenarios.format.files import dump_scenario, load_scenario, scenario_of
+from hilscenario.format.collect import collect
+from hilscenario.format.files import dump_scenario, load_scenario, scenario_of
 from tests.scenarios.made import CATALOG
 
 GOOD = """\

@@ -1,8 +1,8 @@
-"""scenarios.format.vocabulary: every fault has readable defaults within its limits."""
+"""hilscenario.format.vocabulary: every fault has readable defaults within its limits."""
 
 from __future__ import annotations
 
-from scenarios.format.vocabulary import FAULTS
+from hilscenario.format.vocabulary import FAULTS
 
 
 def test_every_fault_has_readable_defaults_within_its_limits() -> None:

@@ -1,9 +1,9 @@
-"""scenarios.live.device_world: faults as typed commands, counted by what the device obeyed."""
+"""hilscenario.live.device_world: faults as typed commands, counted by what the device obeyed."""
 
 from __future__ import annotations
 
-from scenarios.live.device_world import DeviceWorld
-from scenarios.world.fault_board import FaultBoard
+from hilscenario.live.device_world import DeviceWorld
+from hilscenario.world.fault_board import FaultBoard
 from tests.scenarios.made import line, scenario
 
 MS = 1_000_000

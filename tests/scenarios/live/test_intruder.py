@@ -1,4 +1,4 @@
-"""scenarios.live.intruder: a third node on a given clock sends at its rate and only while it should."""
+"""hilscenario.live.intruder: a third node on a given clock sends at its rate and only while it should."""
 
 from __future__ import annotations
 
@@ -10,9 +10,9 @@ import pytest
 
 from firmware_sim import frames as layout
 from firmware_sim.attachment import parse_spec as device_spec
-from scenarios.format.schema import Step
-from scenarios.live.intruder import LiveIntruder
-from scenarios.world.fault_board import Active
+from hilscenario.format.schema import Step
+from hilscenario.live.intruder import LiveIntruder
+from hilscenario.world.fault_board import Active
 
 MS = 1_000_000
 

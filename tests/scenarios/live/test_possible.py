@@ -1,4 +1,4 @@
-"""scenarios.live.possible: what cannot be had live is refused in one line with its place."""
+"""hilscenario.live.possible: what cannot be had live is refused in one line with its place."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from hilbridge.bus.port.spec import parse_spec
-from scenarios.live.possible import impossible_live
+from hilscenario.live.possible import impossible_live
 from tests.scenarios.made import CATALOG, refused, scenario
 
 VCAN, HILSIM = parse_spec("vcan0"), parse_spec("hilsim:x")

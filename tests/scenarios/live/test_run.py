@@ -1,13 +1,13 @@
-"""scenarios.live.run: what a live run left is judged by the rules of virtual time, with the margins of two processes."""
+"""hilscenario.live.run: what a live run left is judged by the rules of virtual time, with the margins of two processes."""
 
 from __future__ import annotations
 
 from hilbridge.rows import CountersRow, MetaRow
-from scenarios.format.schema import Expectation, Scenario
-from scenarios.live.logs.happened import Happened
-from scenarios.live.run import judge_live, with_margin
-from scenarios.signals.device import DeviceLine
-from scenarios.verdict.judging import FaultCount
+from hilscenario.format.schema import Expectation, Scenario
+from hilscenario.live.logs.happened import Happened
+from hilscenario.live.run import judge_live, with_margin
+from hilscenario.signals.device import DeviceLine
+from hilscenario.verdict.judging import FaultCount
 from tests.scenarios.made import happened, line, scenario, tick
 
 

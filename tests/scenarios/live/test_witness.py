@@ -11,10 +11,10 @@ from hilbridge.errors import InputError
 from hilbridge.limits import MS
 from hilbridge.records import Frame
 from hilbridge.wire.codec import Codec
-from scenarios.format.schema import Scenario
-from scenarios.live.external import External, external_device, refuse_silence, reset
-from scenarios.live.possible import impossible_live
-from scenarios.live.witness import Witness
+from hilscenario.format.schema import Scenario
+from hilscenario.live.external import External, external_device, refuse_silence, reset
+from hilscenario.live.possible import impossible_live
+from hilscenario.live.witness import Witness
 from tests.safety.rig import ACT_POUR, HOLD, Rig
 from tests.scenarios.made import scenario
 

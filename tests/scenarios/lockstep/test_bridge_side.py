@@ -1,10 +1,10 @@
-"""scenarios.lockstep.bridge_side: a bridge that does not run asks for nothing."""
+"""hilscenario.lockstep.bridge_side: a bridge that does not run asks for nothing."""
 
 from __future__ import annotations
 
 import pytest
 
-from scenarios.lockstep.run import run_scenario
+from hilscenario.lockstep.run import run_scenario
 from tests.safety.defects import DEFECTS, planted
 from tests.scenarios.made import acting
 

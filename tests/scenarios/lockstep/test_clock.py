@@ -1,10 +1,10 @@
-"""scenarios.lockstep.clock: everything comes in its order, the device's tick among the rest."""
+"""hilscenario.lockstep.clock: everything comes in its order, the device's tick among the rest."""
 
 from __future__ import annotations
 
 import pytest
 
-from scenarios.lockstep.clock import WorldClock
+from hilscenario.lockstep.clock import WorldClock
 
 MS = 1_000_000
 

@@ -7,7 +7,7 @@ import pytest
 from firmware_sim import controllers
 from firmware_sim.c import binding
 from hilbridge.errors import InputError
-from scenarios.lockstep.controller import VARIABLE, controller_in_use, powered_on
+from hilscenario.lockstep.controller import VARIABLE, controller_in_use, powered_on
 
 
 def test_the_variable_decides(monkeypatch: pytest.MonkeyPatch) -> None:

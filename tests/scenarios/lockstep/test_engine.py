@@ -1,4 +1,4 @@
-"""scenarios.lockstep.engine: every fault takes effect, equal seeds give equal bytes, nothing makes the device unsafe."""
+"""hilscenario.lockstep.engine: every fault takes effect, equal seeds give equal bytes, nothing makes the device unsafe."""
 
 from __future__ import annotations
 
@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from scenarios.format.files import load_scenario
-from scenarios.format.vocabulary import FAULTS
-from scenarios.lockstep.run import run_scenario
+from hilscenario.format.files import load_scenario
+from hilscenario.format.vocabulary import FAULTS
+from hilscenario.lockstep.run import run_scenario
 from tests.scenarios.made import CATALOG, acting
 
 

@@ -1,4 +1,4 @@
-"""scenarios.lockstep.probes: what is read off the device each millisecond."""
+"""hilscenario.lockstep.probes: what is read off the device each millisecond."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import pytest
 
 from firmware_sim.device import Device
 from firmware_sim.memory import ControllerState
-from scenarios.lockstep.probes import MS, DeviceProbe
-from scenarios.lockstep.run_log import RunLog
+from hilscenario.lockstep.probes import MS, DeviceProbe
+from hilscenario.lockstep.run_log import RunLog
 
 
 def test_energy_is_of_everything_an_act_adds() -> None:

@@ -1,10 +1,10 @@
-"""scenarios.lockstep.run: a recording changes nothing."""
+"""hilscenario.lockstep.run: a recording changes nothing."""
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from scenarios.lockstep.run import run_scenario
+from hilscenario.lockstep.run import run_scenario
 from tests.scenarios.made import acting
 
 

@@ -1,4 +1,4 @@
-"""scenarios.signals.check: a formula that cannot be judged, or that has one verdict only, is refused before a run."""
+"""hilscenario.signals.check: a formula that cannot be judged, or that has one verdict only, is refused before a run."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pathlib import Path
 import pytest
 
 from hilbridge.errors import InputError
-from scenarios.format.collect import collect
-from scenarios.format.files import load_scenario, scenario_of
-from scenarios.format.schema import Scenario
-from scenarios.lockstep.run import run_scenario
-from scenarios.signals.check import formula_problem
-from scenarios.signals.domains import domains_of
-from scenarios.verdict.safety import SAFETY
+from hilscenario.format.collect import collect
+from hilscenario.format.files import load_scenario, scenario_of
+from hilscenario.format.schema import Scenario
+from hilscenario.lockstep.run import run_scenario
+from hilscenario.signals.check import formula_problem
+from hilscenario.signals.domains import domains_of
+from hilscenario.verdict.safety import SAFETY
 
 CATALOG = Path(__file__).parents[3] / "scenarios" / "catalog"
 DOMAINS = domains_of(["gaze.off"])

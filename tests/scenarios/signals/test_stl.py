@@ -1,4 +1,4 @@
-"""scenarios.signals.stl: the same robustness as rtamt's discrete-time monitor, and errors that show where."""
+"""hilscenario.signals.stl: the same robustness as rtamt's discrete-time monitor, and errors that show where."""
 
 from __future__ import annotations
 
@@ -9,8 +9,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from scenarios.signals.stl import FormulaError, holds_now, judge, signal_names
-from scenarios.signals.trace import Trace, UnknownSignal, sample_and_hold
+from hilscenario.signals.stl import FormulaError, holds_now, judge, signal_names
+from hilscenario.signals.trace import Trace, UnknownSignal, sample_and_hold
 
 # Ours -> rtamt's words. Windows in samples (step 1 ms; rtamt counts samples).
 PAIRS = [

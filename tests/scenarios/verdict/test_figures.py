@@ -9,9 +9,9 @@ import pytest
 
 from hilbridge.observe.reading import read_recording
 from hilbridge.observe.summary import summarise
-from scenarios.format.collect import collect
-from scenarios.format.schema import Scenario
-from scenarios.lockstep.run import run_scenario
+from hilscenario.format.collect import collect
+from hilscenario.format.schema import Scenario
+from hilscenario.lockstep.run import run_scenario
 
 CATALOG = Path(__file__).parents[3] / "scenarios" / "catalog"
 FOUND = list(collect([CATALOG]))

@@ -1,11 +1,11 @@
-"""scenarios.world.agenda: calls come by time, and of one time in the order of planning."""
+"""hilscenario.world.agenda: calls come by time, and of one time in the order of planning."""
 
 from __future__ import annotations
 
 from hypothesis import given
 from hypothesis import strategies as st
 
-from scenarios.world.agenda import Agenda
+from hilscenario.world.agenda import Agenda
 
 
 @given(st.lists(st.integers(0, 5)))

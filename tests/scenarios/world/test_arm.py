@@ -1,4 +1,4 @@
-"""scenarios.world.arm: the wearer's arm trembles and pushes against the assist."""
+"""hilscenario.world.arm: the wearer's arm trembles and pushes against the assist."""
 
 from __future__ import annotations
 
@@ -6,8 +6,8 @@ import math
 
 import pytest
 
-from scenarios.world.arm import opposing, push_nm
-from scenarios.world.fault_board import FaultBoard
+from hilscenario.world.arm import opposing, push_nm
+from hilscenario.world.fault_board import FaultBoard
 from tests.scenarios.made import scenario
 
 STEPS = [

@@ -1,9 +1,9 @@
-"""scenarios.world.device_faults: what is wrong with the device is the sum of the faults under way."""
+"""hilscenario.world.device_faults: what is wrong with the device is the sum of the faults under way."""
 
 from __future__ import annotations
 
-from scenarios.world.device_faults import BIAS, ENCODER, LAG, Broken, acting, broken
-from scenarios.world.fault_board import FaultBoard
+from hilscenario.world.device_faults import BIAS, ENCODER, LAG, Broken, acting, broken
+from hilscenario.world.fault_board import FaultBoard
 from tests.scenarios.made import scenario
 
 STEPS = [

@@ -1,4 +1,4 @@
-"""scenarios.world.parts: a scenario's gate is settled by the rule of live runs."""
+"""hilscenario.world.parts: a scenario's gate is settled by the rule of live runs."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import pytest
 from hilbridge.config import GateSection
 from hilbridge.errors import InputError
 from hilbridge.runtime.assemble import gate_config
-from scenarios.world.parts import bundle, parts_of
+from hilscenario.world.parts import bundle, parts_of
 from tests.scenarios.made import scenario
 
 

@@ -1,4 +1,4 @@
-"""scenarios.world.recorded: a recorded session in the wearer's place, and one line for a file that cannot be used."""
+"""hilscenario.world.recorded: a recorded session in the wearer's place, and one line for a file that cannot be used."""
 
 from __future__ import annotations
 
@@ -15,12 +15,12 @@ from hilbridge.records import FeatureVector
 from hilbridge.rows import HandsRow, InertialRow, TickRow
 from hilbridge.sensors.models import hand_model_path, hand_model_problem
 from hilbridge.wearer.person import Wearer
-from scenarios.format.files import dump_scenario, load_scenario, scenario_of
-from scenarios.format.schema import Scenario, Session
-from scenarios.lockstep.run import run_scenario
-from scenarios.verdict.outcome import Run
-from scenarios.world.parts import bundle
-from scenarios.world.recorded import Filmed, PackAssembler, Video, Worn
+from hilscenario.format.files import dump_scenario, load_scenario, scenario_of
+from hilscenario.format.schema import Scenario, Session
+from hilscenario.lockstep.run import run_scenario
+from hilscenario.verdict.outcome import Run
+from hilscenario.world.parts import bundle
+from hilscenario.world.recorded import Filmed, PackAssembler, Video, Worn
 from tests.scenarios.sessions import film, wearers_features
 
 

@@ -1,4 +1,4 @@
-"""scenarios.world.replayed: the recording of an earlier run in the wearer's place, as beliefs, features or sensors."""
+"""hilscenario.world.replayed: the recording of an earlier run in the wearer's place, as beliefs, features or sensors."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from hilbridge.observe.reading import read_recording
 from hilbridge.observe.recording import Recording
 from hilbridge.rows import FeaturesRow
 from hilbridge.wearer.person import Wearer
-from scenarios.format.files import scenario_of
-from scenarios.format.schema import Session
-from scenarios.lockstep.run import run_scenario
-from scenarios.verdict.outcome import Run
-from scenarios.world.replayed import Relived
+from hilscenario.format.files import scenario_of
+from hilscenario.format.schema import Session
+from hilscenario.lockstep.run import run_scenario
+from hilscenario.verdict.outcome import Run
+from hilscenario.world.replayed import Relived
 
 S = 1_000_000_000
 BASE: dict[str, object] = {

@@ -1,14 +1,14 @@
-"""scenarios.world.script: faults begin, repeat and end when they should, whoever carries them out."""
+"""hilscenario.world.script: faults begin, repeat and end when they should, whoever carries them out."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from typing import Any
 
-from scenarios.signals.tracks import Value
-from scenarios.world.agenda import Agenda
-from scenarios.world.fault_board import Active, FaultBoard
-from scenarios.world.script import Player
+from hilscenario.signals.tracks import Value
+from hilscenario.world.agenda import Agenda
+from hilscenario.world.fault_board import Active, FaultBoard
+from hilscenario.world.script import Player
 from tests.scenarios.made import scenario
 
 MS = 1_000_000

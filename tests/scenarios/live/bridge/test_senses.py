@@ -1,13 +1,13 @@
-"""scenarios.live.bridge.senses: sources on a given clock deliver on the scenario's grid, faults included."""
+"""hilscenario.live.bridge.senses: sources on a given clock deliver on the scenario's grid, faults included."""
 
 from __future__ import annotations
 
 from typing import Any
 
 from hilbridge.records import CameraFrame, GazeSample
-from scenarios.live.bridge.senses import EdgeSource
-from scenarios.world.fault_board import FaultBoard
-from scenarios.world.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, Body, edges
+from hilscenario.live.bridge.senses import EdgeSource
+from hilscenario.world.fault_board import FaultBoard
+from hilscenario.world.sensing import CAMERA_PERIOD_NS, GAZE_PERIOD_NS, Body, edges
 from tests.scenarios.made import scenario
 
 MS = 1_000_000

@@ -1,9 +1,9 @@
-"""scenarios.live.logs.bridge: the bridge's rows as signals, and what their gaps say."""
+"""hilscenario.live.logs.bridge: the bridge's rows as signals, and what their gaps say."""
 
 from __future__ import annotations
 
-from scenarios.live.logs.bridge import missing_ticks, put_bridge
-from scenarios.signals.tracks import Tracks
+from hilscenario.live.logs.bridge import missing_ticks, put_bridge
+from hilscenario.signals.tracks import Tracks
 from tests.scenarios.made import tick
 
 MS = 1_000_000

@@ -1,10 +1,10 @@
-"""scenarios.live.logs.device: the device's log lines on the grid of signals."""
+"""hilscenario.live.logs.device: the device's log lines on the grid of signals."""
 
 from __future__ import annotations
 
 import pytest
 
-from scenarios.live.logs.device import assist_figures, device_columns
+from hilscenario.live.logs.device import assist_figures, device_columns
 from tests.scenarios.made import line
 
 
