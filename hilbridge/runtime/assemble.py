@@ -105,17 +105,33 @@ def build_node(
     """The node for a connected port. Raises InputError for a key that may not be used on it."""
     if port.is_physical and config.arm:
         why = refusal(parts.bundle.provenance, parts.bundle.doubt, parts.gate.tau_on, uncertified=config.uncertified)
+        other = _another_gate(parts)
         if why is not None:
             raise InputError(
                 f"bundle {parts.bundle.bundle_id:#06x}: {why}, refused with --arm on a physical bus; give with --bundle one "
                 f"trained on {LEAST_PEOPLE} recorded people or more (`hilbridge train --data`) and certified on others "
                 "(`hilbridge certify --data`)"
             )
+        if other is not None:
+            raise InputError(
+                f"bundle {parts.bundle.bundle_id:#06x}: {other}, refused with --arm on a physical bus; leave that setting out"
+            )
         if config.uncertified:
             on_event(time.monotonic_ns(), "UNCERTIFIED: this bench runs a threshold that nobody certified")
     key = load_key(Path(config.key_file) if config.key_file else None, physical=port.is_physical and config.arm)
     asked = BridgeConfig(arm=config.arm or not port.is_physical, listen_only=port.listen_only)
     return assemble_node(parts, key, lambda: secrets.randbits(32), asked, on_event, predict)
+
+
+def _another_gate(parts: Parts) -> str | None:
+    """What makes the gate another one than was calibrated and certified; None where nothing does."""
+    own, gate = gate_config(GateSection(), parts.bundle), parts.gate
+    for name in ("alpha", "top_k", "refractory_ns"):
+        if getattr(gate, name) != getattr(own, name):
+            return f"gate.{name} = {getattr(gate, name)} is not the {getattr(own, name)} that it was certified with"
+    if gate.tau_off < own.tau_off:
+        return f"tau_off {gate.tau_off:g} is below {own.tau_off:g}, which it was certified with"
+    return None
 
 
 def assemble_node(

@@ -146,6 +146,25 @@ def test_h1_a_threshold_below_the_certified_one_may_not_arm_a_physical_bus(of_pe
         node_for(lower, FakePort(True, False), BusConfig(spec="can0", arm=True))
 
 
+@pytest.mark.parametrize(
+    "changed",
+    [{"alpha": 0.5}, {"top_k": 21}, {"refractory_ns": 0}, {"tau_off": 0.05}],
+    ids=lambda changed: next(iter(changed)),
+)
+def test_h1_another_gate_than_was_certified_may_not_arm_a_physical_bus(
+    of_people: Parts, changed: dict[str, float], tmp_path: Path
+) -> None:
+    key = tmp_path / "own.key"
+    key.write_text("0f" * 16)
+    key.chmod(0o600)
+    config = BusConfig(spec="can0", arm=True, key_file=str(key))
+    node_for(of_people, FakePort(True, False), config)
+    other = replace(of_people, gate=replace(of_people.gate, **changed))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="certified with, refused with --arm"):
+        node_for(other, FakePort(True, False), config)
+    node_for(other, FakePort(False, False), BusConfig(spec="vcan0"))
+
+
 def test_an_uncertified_bench_says_so(of_people: Parts, tmp_path: Path) -> None:
     record = replace(AFFIRMED, certificate=None)
     bare = replace(of_people, bundle=replace(of_people.bundle, provenance=record))
