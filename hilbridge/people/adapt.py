@@ -42,7 +42,7 @@ class Adapted:
         elif self.intercept > 0.0:
             made.append("this wearer could be trusted more, but nothing is loosened beyond what is certified")
         else:
-            made.append("nothing to change")
+            made.append("nothing to change: no acts to learn from, or the bundle's people did not differ")
         return [*made, f"bundle: {self.written}"]
 
 

@@ -115,11 +115,13 @@ def gate_counts(gate: GateConfig, seen: Watched, people: Stream) -> Counts:
 
 
 def start_of(bundle: Bundle, precision: float) -> float:
-    """Where the people that the bundle was calibrated on would begin: there a certificate is likeliest, by their mean, spread
-    and number; they are not tested."""
+    """Where the people that the bundle was calibrated on would begin; they are not tested.
+
+    By their mean and spread, and by how many of them act: a handful who do well at a strict tau are no sign for others.
+    """
     best = max(
         bundle.curve,
-        key=lambda point: (point.person_precision - precision) * point.people**0.5 / max(point.person_spread, 0.02),
+        key=lambda point: (point.person_precision - precision) * point.people / max(point.person_spread, 0.1),
         default=None,
     )
     return GATE_TAUS[0] if best is None else best.tau_on

@@ -1,10 +1,12 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 pytest.importorskip("sklearn")
 pytest.importorskip("torch")
 
-from hilbridge.intent.bundle import BundleError, demo_bundle_path, load_bundle
+from hilbridge.intent.bundle import BundleError, Replayed, demo_bundle_path, load_bundle
 from hilbridge.learning.certificate.certify import Method
 from hilbridge.learning.certificate.certify_bundle import (
     GATE_TAUS,
@@ -12,6 +14,7 @@ from hilbridge.learning.certificate.certify_bundle import (
     certify_bundle,
     gate_counts,
     method_named,
+    start_of,
 )
 from hilbridge.learning.data.synthetic import record_people
 from hilbridge.learning.training.gate_fit import GATE
@@ -65,6 +68,15 @@ def test_silence_never_acts():
     counts = gate_counts(GATE, silence, people)
     assert counts.acting.sum() == 0
     assert np.array_equal(counts.total, [100])
+
+
+def test_a_handful_who_do_well_at_a_strict_threshold_choose_no_start():
+    points = [(0.5, 12, 0.72, 0.13), (0.6, 12, 0.71, 0.16), (0.8, 7, 0.86, 0.24)]
+    curve = tuple(Replayed(tau, mean, 0.1, people, mean, spread) for tau, people, mean, spread in points)
+    bundle = replace(load_bundle(demo_bundle_path()), curve=curve)
+    assert start_of(bundle, 0.5) == 0.5
+    assert start_of(bundle, 0.7) == 0.8  # nothing else has a chance
+    assert start_of(replace(bundle, curve=()), 0.5) == GATE_TAUS[0]
 
 
 def test_an_unknown_method_is_refused_with_those_there_are():
