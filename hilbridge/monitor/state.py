@@ -154,7 +154,7 @@ class Watch:
         """Let time pass: what is old is forgotten, and what changed is told in the log."""
         while self._trace and self._trace[0][0] < now_ns - WINDOW_NS:
             self._trace.popleft()
-        while self._frames and self._frames[0][0] < now_ns - _LOAD_NS:
+        while self._frames and self._frames[0][0] <= now_ns - _LOAD_NS:
             self._bits -= self._frames.popleft()[1]
         self._changed("bus", "" if self.link.up else self.link.reason or "down", now_ns, "bus is back")
         state = self._state(now_ns)
