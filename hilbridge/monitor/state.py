@@ -12,6 +12,7 @@ from hilbridge.monitor.words import (
     NO_BRIDGE,
     NO_DEVICE,
     NO_LINK,
+    NO_SENSING,
     OLD_SENSING,
     SENSORS,
     STARTING,
@@ -162,7 +163,7 @@ class Watch:
         word = " ".join(filter(None, (state["word"], state["verb"])))
         self._changed("state", word, now_ns, "", f"{word}: {state['reason']}")
         for name, sensor in self._sensors(now_ns).items():
-            self._changed(name, "" if sensor is not False else f"{name} is missing", now_ns, f"{name} is back")
+            self._changed(name, "" if sensor is not False else f"{name} is not used", now_ns, f"{name} is used again")
 
     def _changed(self, what: str, said: str, now_ns: int, back: str, text: str = "") -> None:
         before = self._said.get(what)
@@ -206,6 +207,8 @@ class Watch:
         if bridge_age is None or bridge_age > BRIDGE_SILENT_NS:
             return NO_BRIDGE
         missing = [name for name, there in self._sensors(now_ns).items() if there is False]
+        if len(missing) == len(Modality):  # the bridge says no more than that it does without all of them
+            return NO_SENSING
         for name in ("scene", "gaze"):  # without hands there is nothing to assist: no fault of theirs
             if name in missing:
                 return SENSORS[name]

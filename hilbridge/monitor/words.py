@@ -78,6 +78,7 @@ SENSORS: dict[str, Said] = {
     "hands": Said("No hand is seen.", "Bring the hands into the camera's view."),
     "scene": Said("The camera is missing.", "Check the camera and its cable."),
 }
+NO_SENSING = Said("Sensing is not whole: camera or eye tracker fails.", "Check both (`hilbridge check`).")
 STARTING = Said("The bridge is starting.")
 
 

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from hilbridge.limits import MS
 from hilbridge.monitor.state import Link, Thresholds, Watch
-from hilbridge.monitor.words import NO_BRIDGE, OLD_SENSING, REASONS, SENSORS, STATES
+from hilbridge.monitor.words import NO_BRIDGE, NO_SENSING, OLD_SENSING, REASONS, SENSORS, STATES
 from hilbridge.records import Frame
 from tests.monitor.made import CODEC, Bus
 
@@ -36,7 +36,16 @@ def test_a_dropout_is_the_reason_from_the_first_heartbeat_that_tells_it(bus, mas
     assert view["sensors"]["valid"][name] is False
     bus.sensors = 0b111
     assert bus.run(80)["sensors"]["valid"][name] is True
-    assert [text for _, text in bus.watch.view(bus.now_ns)["events"]][:2] == [f"{name} is back", f"{name} is missing"]
+    assert [text for _, text in bus.watch.view(bus.now_ns)["events"]][:2] == [
+        f"{name} is used again",
+        f"{name} is not used",
+    ]
+
+
+def test_a_bridge_that_does_without_all_is_said_to_lack_sensing(bus):
+    bus.run(400)
+    bus.sensors = 0
+    assert bus.run(80)["state"]["reason"] == NO_SENSING.text
 
 
 def test_old_sensing_is_a_reason(bus):

@@ -55,7 +55,7 @@ function showChart(confidence) {
 function showLists(view) {
   const sensors = view.sensors;
   list("sensors", [
-    ...Object.entries(sensors.valid).map(([name, ok]) => [name, ok === null ? "? not known" : ok ? "✓ well" : "✕ missing", ok === false]),
+    ...Object.entries(sensors.valid).map(([name, ok]) => [name, ok === null ? "? not known" : ok ? "✓ well" : "✕ not used", ok === false]),
     ["oldest input", sensors.age_ms === null ? "not known" : sensors.age_ms + " ms of " + sensors.limit_ms + " ms", sensors.age_ms !== null && sensors.age_ms > sensors.limit_ms],
   ]);
   const arm = view.device;
