@@ -33,6 +33,8 @@ duration: 20 s
 seed: 3
 intent:
   - {at: 1 s, verb: Pour, confidence: 0.97}
+expect:
+  - {that: "always device.assist_nm < 3"}
 """
 
 

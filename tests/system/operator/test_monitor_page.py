@@ -200,6 +200,8 @@ def test_a_recording_has_a_slider_and_no_stop(browser: Any, tmp_path: Path) -> N
         page.wait_for_selector("#at")
         page.focus("#at")
         page.keyboard.press("End")
+        page.wait_for_selector("#name:text-is('NO DEVICE')")  # it has ended by then
+        page.fill("#at", "4")
         page.wait_for_selector("#sensors dd:text-is('✓ well')")
         assert page.is_hidden("#stop")
         assert page.locator("#verbs tr").count() == 5
