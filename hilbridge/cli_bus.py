@@ -149,6 +149,8 @@ def monitor(
     open_page: Annotated[bool, typer.Option("--open", help="open the page in a browser")] = False,
 ) -> None:
     """Show bridge and device on a page (extra `monitor`), from the bus or a recording. It can send STOP, nothing else."""
+    import asyncio
+
     from hilbridge.cli_shared import open_in_browser
     from hilbridge.intent.bundle import demo_bundle_path
     from hilbridge.monitor.access import access_of

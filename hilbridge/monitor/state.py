@@ -182,9 +182,13 @@ class Watch:
             "sensors": self._sensor_view(now_ns),
             "bus": self._bus(),
             "device": self._device(now_ns),
-            "events": [[round((at_ns - self._begin_ns) / 1e9, 1), text] for at_ns, text in reversed(self._events)],
+            "events": [[round((at_ns - self._begin_ns) / 1e9, 1), text] for at_ns, text in self._newest_first()],
             "bundle_id": self.bundle_id,
         }
+
+    def _newest_first(self) -> list[tuple[int, str]]:
+        """A recording's own events are told after those that follow from its frames."""
+        return sorted(self._events, key=lambda event: event[0])[::-1]
 
     def _state(self, now_ns: int) -> dict[str, Any]:
         heard = self._heard
@@ -206,6 +210,8 @@ class Watch:
         bridge_age = self._heard.age_ns("BRIDGE_HB", now_ns)
         if bridge_age is None or bridge_age > BRIDGE_SILENT_NS:
             return NO_BRIDGE
+        if self._tick is not None and self._tick.sensor_problem is not None:
+            return Said(f"A sensor cannot be believed: {self._tick.sensor_problem}.", NO_SENSING.cure)
         missing = [name for name, there in self._sensors(now_ns).items() if there is False]
         if len(missing) == len(Modality):  # the bridge says no more than that it does without all of them
             return NO_SENSING

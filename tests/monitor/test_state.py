@@ -98,6 +98,12 @@ def test_thirty_seconds_are_kept_and_no_more(bus):
     assert then["bus"]["frames_s"] == pytest.approx(137, abs=3)
 
 
+def test_events_told_late_stand_where_they_belong(bus):
+    for at_ms, text in ((10, "a"), (30, "c"), (20, "b")):
+        bus.watch.tell(text, at_ms * MS)
+    assert [text for _, text in bus.watch.view(30 * MS)["events"]] == ["c", "b", "a"]
+
+
 def test_the_log_does_not_grow_without_end(bus):
     for step in range(300):
         bus.watch.tell(str(step), step)
