@@ -25,6 +25,7 @@ def register(app: typer.Typer) -> None:
     app.command("docs")(docs)
     app.command()(conformance)
     app.command()(plant)
+    app.command()(monitor)
 
 
 def dbc(
@@ -131,6 +132,42 @@ def conformance(
     typer.echo(json.dumps(report.as_json(findings, settings.bus.spec)) if as_json else report.summary_of(findings))
     if not report.passed(findings):
         raise typer.Exit(1)
+
+
+def monitor(
+    bus: Annotated[str, typer.Option("--bus", help="auto, vcan0, can0, hilsim:NAME, any interface:channel")] = "auto",
+    recording: Annotated[Path | None, typer.Option("--recording", help="show this (.mcap or a run's folder)")] = None,
+    bundle: Annotated[Path | None, typer.Option(help="the bridge's, for its thresholds; default: the demo's")] = None,
+    host: Annotated[str, typer.Option(help="address to serve on; beyond this computer it takes token and TLS")] = (
+        "127.0.0.1"
+    ),
+    port: Annotated[int, typer.Option(min=0, max=65535, help="of the page; 0: any that is free")] = 0,
+    token_file: Annotated[Path | None, typer.Option(help="the secret of the address, mode 0600; default: new")] = None,
+    certificate: Annotated[Path | None, typer.Option(help="PEM, for TLS")] = None,
+    certificate_key: Annotated[Path | None, typer.Option(help="PEM, for TLS")] = None,
+    listen_only: Annotated[bool, typer.Option("--listen-only", help="send nothing: the page has no STOP")] = False,
+    open_page: Annotated[bool, typer.Option("--open", help="open the page in a browser")] = False,
+) -> None:
+    """Show bridge and device on a page (extra `monitor`), from the bus or a recording. It can send STOP, nothing else."""
+    import asyncio
+
+    from hilbridge.cli_shared import open_in_browser
+    from hilbridge.intent.bundle import demo_bundle_path
+    from hilbridge.monitor.access import access_of
+    from hilbridge.monitor.run import watch_bus, watch_recording
+
+    access = access_of(host, port, token_file, certificate, certificate_key)
+
+    def ready(url: str) -> None:
+        typer.echo(f"monitor at {url} (Ctrl-C ends)")
+        sys.stdout.flush()
+        if open_page:
+            open_in_browser(url)
+
+    if recording is not None:
+        asyncio.run(watch_recording(recording, access, ready))
+    else:
+        asyncio.run(watch_bus(bus, bundle or demo_bundle_path(), access, ready, listen_only=listen_only))
 
 
 def candump(

@@ -23,6 +23,7 @@ EXAMPLES = {
     "forget": "hilbridge forget P-07 recordings/ --yes",
     "import": "hilbridge import drive.blf drive.mcap",
     "label": "hilbridge label out/demo/recording.mcap --open",
+    "monitor": "hilbridge monitor --bus vcan0 --open",
     "plant": "hilbridge plant --bus can1 --wearer-torque reach --seconds 60 --i-am-on-a-bench",
     "play": "hilbridge play out/demo/recording.mcap --bus vcan0 --speed 0.5",
     "recover": "hilbridge recover out/demo/recording.mcap",

@@ -51,6 +51,7 @@ class DeviceProcess:
         command.append("--until-input-ends")
         self.summary: dict[str, Any] = {}
         self.failure = ""  # its last word, where it ended before it was asked to
+        self._stopped = False
         self._lines: queue.Queue[str | None] = queue.Queue()
         self._process = subprocess.Popen(
             command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
@@ -64,7 +65,10 @@ class DeviceProcess:
             raise InputError(f"the simulated device did not start: {said[-1] if said else 'it said nothing'}")
 
     def stop(self) -> None:
-        """Ask it to end and read its summary; kill it when it does not answer."""
+        """Ask it to end and read its summary; kill it when it does not answer. May be called again."""
+        if self._stopped:
+            return
+        self._stopped = True
         ended_early = self._process.poll() not in (None, 0)
         self._process.terminate()
         while (line := self._next_line(5.0)) is not None:

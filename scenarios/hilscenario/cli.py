@@ -92,6 +92,7 @@ def schema() -> None:
 def run(
     paths: Paths,
     out: Annotated[Path | None, typer.Option(help="folder for recordings, pages, results.json, junit.xml")] = None,
+    junit: Annotated[Path | None, typer.Option(metavar="FILE", help="JUnit XML, with or without --out")] = None,
     seed: Seed = None,
     jobs: Annotated[int, typer.Option(min=1, help="processes at once")] = os.cpu_count() or 1,
     profile: Annotated[bool, typer.Option("--profile", help="where the time goes, part by part")] = False,
@@ -115,6 +116,7 @@ def run(
     from hilscenario.live.possible import live_bus
     from hilscenario.runner import RunOptions, refuse_recorded, run_all, sort_out
     from hilscenario.terminal import print_results, progress_bar
+    from hilscenario.verdict.junit import write_junit
 
     spec = live_bus(bus, live=live, profile=profile)
     external = external_device(device, plant_bus, reset_command, live=live)
@@ -130,6 +132,8 @@ def run(
     with progress_bar(len(found), quiet=as_json) as progress:
         results = run_all(found, options, progress, skipped)
     passed = all(result.passed for result in results)
+    if junit is not None:
+        write_junit(results, junit, skipped)
     if as_json:
         not_run = [asdict(one) for one in skipped]
         typer.echo(json.dumps({"passed": passed, "results": [r.as_json() for r in results], "skipped": not_run}))

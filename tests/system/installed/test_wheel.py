@@ -93,3 +93,25 @@ def test_the_programs_run_from_another_folder(programs: Path, tmp_path: Path) ->
     assert "H1" in run(programs / "hilbridge", "docs", "safety", cwd=tmp_path)
     verdict = json.loads(run(programs / "hilscenario", "run", "catalog/bus-cut.yaml", "--json", cwd=tmp_path))
     assert verdict["passed"] is True
+
+
+STRANGER = """
+def test_the_device_hears_the_bridge(simulated_device, bridge):
+    summary = bridge.run(seconds=3).summary
+    assert summary.ticks > 50
+    simulated_device.stop()
+    assert simulated_device.summary["received"] > 100
+
+
+def test_stop_from_any_node(scenario):
+    result = scenario("catalog/stop-from-any-node.yaml")
+    assert result.robustness >= 0
+"""
+
+
+def test_a_stranger_writes_a_test_in_an_empty_folder(programs: Path, tmp_path: Path) -> None:
+    run(programs / "python", "-m", "pip", "install", "--quiet", "-c", ROOT / "constraints.txt", "pytest", cwd=tmp_path)
+    (tmp_path / "test_mine.py").write_text(STRANGER)
+    told = run(programs / "python", "-m", "pytest", "-q", cwd=tmp_path)
+    print(told.splitlines()[-1])
+    assert "2 passed" in told
