@@ -30,7 +30,9 @@ def test_the_configuration_page_names_every_key_and_its_example_is_accepted(tmp_
 def test_links_between_documents_lead_somewhere() -> None:
     for document in [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]:
         for target in re.findall(r"\]\(([^)#:]+)\)", document.read_text(encoding="utf-8")):
-            of_the_site = target.startswith("reference/") or target == "decisions/index.md"  # docs/hooks.py writes these
+            of_the_site = (
+                target.startswith("reference/") or target == "decisions/index.md"
+            )  # docs/hooks.py writes these
             assert of_the_site or (document.parent / target).exists(), f"{document.name} links to {target}"
 
 
