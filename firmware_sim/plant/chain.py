@@ -72,9 +72,9 @@ def _of(name: str, fore: str, share: float, rotor: float) -> Chain:
     )
 
 
-def wearers_arm(inertia_share: float = 1.0) -> Chain:
-    """The wearer's own arm; `inertia_share` scales all of it, for somebody who misjudges it."""
-    return _of("upper_arm", "forearm", inertia_share, 0.0)
+def wearers_arm() -> Chain:
+    """The wearer's own arm."""
+    return _of("upper_arm", "forearm", 1.0, 0.0)
 
 
 def device_links(preset: Preset) -> Chain:

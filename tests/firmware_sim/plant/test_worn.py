@@ -11,10 +11,10 @@ from firmware_sim.plant.worn import LIMP, Muscle, WornArm
 
 mujoco_twin = pytest.importorskip("tests.firmware_sim.plant.mujoco_twin", reason="MuJoCo is not installed")
 WITHIN_DEG = 0.2
-_CASES = [(None, None), *((name, cuff) for name in PRESETS for cuff in (80.0, 300.0, 1000.0))]
+CASES = [(None, None), *((name, cuff) for name in PRESETS for cuff in (80.0, 300.0, 1000.0))]
 
 
-def _apart(name: str | None, cuff: float | None, driven: bool) -> float:
+def apart(name: str | None, cuff: float | None, driven: bool) -> float:
     """The largest difference of any joint over 2 s, degrees."""
     preset, worst = None if name is None else PRESETS[name], 0.0
     arm, twin = WornArm(preset, cuff, angle=(0.9, 1.2)), mujoco_twin.Twin(preset, (0.9, 1.2), cuff)
@@ -30,9 +30,9 @@ def _apart(name: str | None, cuff: float | None, driven: bool) -> float:
 
 
 @pytest.mark.parametrize("driven", [False, True])
-@pytest.mark.parametrize(("name", "cuff"), _CASES)
+@pytest.mark.parametrize(("name", "cuff"), CASES)
 def test_two_seconds_beside_mujoco(name: str | None, cuff: float | None, driven: bool) -> None:
-    assert _apart(name, cuff, driven) <= WITHIN_DEG
+    assert apart(name, cuff, driven) <= WITHIN_DEG
 
 
 @pytest.mark.parametrize("name", [None, *PRESETS])
