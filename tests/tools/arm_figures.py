@@ -19,8 +19,9 @@ from firmware_sim.plant.parameters import PRESETS
 from firmware_sim.plant.tremors import KINDS, Shaking
 from firmware_sim.states import State
 from firmware_sim.worn_device import WornDevice
+from hilscenario.twins.page import TITLES, worst
+from hilscenario.twins.reaching import REST, Leg, Reaches
 from hilscenario.twins.run import Body, cases, compare
-from hilscenario.world.reaching import REST, Leg, Reaches
 
 POUR = 10
 VERBS = ("Take", "Open", "Cut", "Inspect/Read", "Pour", "Mix", "Operate")  # one of each profile
@@ -85,18 +86,14 @@ def tremor() -> None:
 
 
 def wrong() -> None:
-    """The worst of false ACTs, wrong verbs, and dropouts while pouring."""
-    worst: dict[str, list[float]] = {}
-    for control, kind, seed in itertools.product(CONTROLS, ("none", *KINDS), (1,)):
-        for pair in cases(seed, Body(control, kind), VERBS):
-            found, _, _ = compare(pair)
-            row = worst.setdefault(pair.event, [0, 0.0, 0.0, 0.0, 0])
-            row[0] += 1
-            row[4] += found.latched
-            for place, value in enumerate((found.work_j, found.hand_mm, found.drop_mm), start=1):
-                row[place] = max(row[place], value)
-    for event, (pairs, work, hand, drop, latched) in worst.items():
-        print(f"{event}: {pairs} pairs, {work:.4f} J, {hand:.1f} mm, drop {drop:.1f} mm, {latched} latched")
+    """The worst of false ACTs, wrong verbs, and dropouts while pouring, a wearer at a time."""
+    for control, kind in itertools.product(
+        ("weak", "ataxic", "steady"), ("cerebellar", "none", "essential", "parkinsonian")
+    ):
+        rows = [(pair, compare(pair)[0]) for pair in cases(1, Body(control, kind), VERBS)]
+        for row in worst(rows):
+            told = ", ".join(f"{title} {one}" for title, one in zip(TITLES, row, strict=True))
+            print(f"{control}, {kind}: {told}", flush=True)
 
 
 def speed() -> None:

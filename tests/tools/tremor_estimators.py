@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from firmware_sim.plant.tremors import KINDS, Shaking
-from hilscenario.world.reaching import REST, Leg, Reaches
+from hilscenario.twins.reaching import REST, Leg, Reaches
 
 Array = NDArray[np.float64]
 SECONDS = 24

@@ -23,8 +23,8 @@ from hilbridge.errors import InputError
 from hilbridge.limits import MS
 from hilbridge.verbs import NEVER_ASSISTED, VERBS
 from hilbridge.wearer.timeline import Event
+from hilscenario.twins.reaching import first_of, reaches
 from hilscenario.twins.recorded import torque_of
-from hilscenario.world.reaching import first_of, reaches
 
 BEFORE_NS = 1_000 * MS
 LONGEST_MS = 4_000  # of an action

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from hilbridge.wearer.person import Wearer
-from hilscenario.world.reaching import REACH_S, REST, Leg, Reaches, first_of, pose, reaches
+from hilscenario.twins.reaching import REACH_S, REST, Leg, Reaches, first_of, pose, reaches
 
 
 def test_speeds_and_accelerations_are_those_of_the_angles() -> None:
