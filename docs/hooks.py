@@ -36,12 +36,13 @@ def _table(head: tuple[str, ...], lines: Iterator[tuple[object, ...]]) -> str:
 
 
 def _options(command: Any) -> Iterator[tuple[object, ...]]:
+    context = typer.Context(command)
     for option in command.params:
         if option.name == "help":
             continue
         names = ", ".join(f"`{name}`" for name in (*option.opts, *option.secondary_opts))
         shown = option.default if not callable(option.default) and option.default not in (None, False, ()) else ""
-        kind = "" if getattr(option, "is_flag", False) else str(option.display_type).strip("<>")
+        kind = "" if getattr(option, "is_flag", False) else option.display_type(context).strip("<>")
         yield names, kind, "required" if option.required else shown, getattr(option, "help", "") or ""
 
 

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -71,6 +69,8 @@ def plant(
     ] = False,
 ) -> None:
     """Run arm, motor and wearer in real time for a device under test, over a CAN bus of their own (dbc/plant.dbc)."""
+    import subprocess
+
     command = [sys.executable, "-m", "firmware_sim.bench.process", "--bus", bus, "--wearer-torque", wearer_torque]
     command += ["--seconds", str(seconds)] if seconds is not None else []
     command += ["--json-log", str(json_log)] if json_log is not None else []
@@ -139,10 +139,14 @@ def candump(
     as_json: Annotated[bool, typer.Option("--json", help="one JSON object a frame")] = False,
 ) -> None:
     """Print every frame of a bus in words, checked as the bridge checks it. Sends nothing."""
+    import asyncio
+
     asyncio.run(_dump(bus, seconds, as_json))
 
 
 async def _dump(bus: str, seconds: float | None, as_json: bool) -> None:
+    import asyncio
+
     from hilbridge.bus.port.asyncio_port import BusPort
     from hilbridge.wire.codec import Codec
     from hilbridge.wire.link import WireLink
@@ -163,6 +167,7 @@ async def _dump(bus: str, seconds: float | None, as_json: bool) -> None:
 
 def in_words(link: WireLink, frame: Frame, at_s: float) -> dict[str, Any]:
     """One frame: when, what, and what is wrong with it, if anything."""
+
     from hilbridge.wire.codec import Decoded
 
     told: dict[str, Any] = {

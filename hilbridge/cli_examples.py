@@ -6,6 +6,7 @@ EXAMPLES = {
     "bench": "hilbridge bench --json",
     "bus-analysis": "hilbridge bus-analysis dbc/iassistadl.dbc --bitrate 500000",
     "candump": "hilbridge candump --bus vcan0",
+    "card": "hilbridge card mine.safetensors --out card.md",
     "certify": "hilbridge certify --bundle mine.safetensors --data others/ --precision 0.8",
     "check": "hilbridge check --camera 0 --gaze neon: --seconds 10",
     "conformance": "hilbridge conformance --bus can0 --i-am-on-a-bench --junit conformance.xml",

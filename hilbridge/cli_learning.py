@@ -27,6 +27,7 @@ def register(app: typer.Typer) -> None:
     app.command()(evaluate)
     app.command()(certify)
     app.command()(adapt)
+    app.command()(card)
     data = typer.Typer(help="Look at data sets.", no_args_is_help=True)
     data.command("describe")(data_describe)
     data.command("pack")(data_pack)
@@ -168,6 +169,19 @@ def data_simulate(
     with counting("simulated people", people) as step:
         made = simulate(out, people, seconds, difficulty, seed, step)
     typer.echo(f"{len(made)} labelled recordings under {out}")
+
+
+def card(
+    bundle: Annotated[Path | None, typer.Argument(help="model bundle; default: the one that ships")] = None,
+    out: Annotated[Path | None, typer.Option(help="write it here in place of printing it")] = None,
+) -> None:
+    """Say in words what a bundle was made of, what it reaches, and whether it may act on a physical bus."""
+    from hilbridge.files import write_whole
+    from hilbridge.intent.bundle import demo_bundle_path, load_bundle
+    from hilbridge.intent.card import card_of
+
+    text = card_of(load_bundle(bundle or demo_bundle_path()))
+    typer.echo(text.rstrip() if out is None else f"card: {write_whole(out, text)}")
 
 
 def data_describe(path: Annotated[Path, typer.Argument(help="the data set's folder")], as_json: Json = False) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 from hilbridge.errors import InputError
 from hilbridge.files import write_whole
 from hilbridge.intent.bundle import Bundle, save_bundle
+from hilbridge.intent.card import card_of
 from hilbridge.intent.provenance import LEAST_PEOPLE, Provenance, digest_of, refusal
 from hilbridge.learning.data.people import People
 from hilbridge.learning.experiments.people_report import people_sections
@@ -92,7 +93,7 @@ def train_on_people(config: PeopleConfig, say: Say = lambda _: None) -> Made:
     }
     page = write_report(config.report, "hilbridge: bundle of people", sections, facts)
     lines = summary(people, bundle, config.precision)
-    card = write_whole(config.report / "model_card.md", card_text(people, bundle, lines))
+    card = write_whole(config.report / "model_card.md", card_of(bundle, lines))
     return Made(save_bundle(bundle, config.out), page, card, tuple(lines))
 
 
@@ -124,35 +125,3 @@ def missing(people: People, bundle: Bundle, precision: float) -> Sequence[str]:
             f"for a physical bus: {why} (`hilbridge certify --data` on others; {LEAST_PEOPLE} people to train on)"
         )
     return made
-
-
-def card_text(people: People, bundle: Bundle, lines: Sequence[str]) -> str:
-    """A model card."""
-    record = bundle.provenance
-    assert record is not None
-    rows = "\n".join(
-        f"| {point.tau_on:g} | {point.precision:.3f} | {point.person_precision:.3f} | {point.coverage:.3f} | {point.people:g} |"
-        for point in bundle.curve
-    )
-    return f"""# Model card
-
-Predicts the next verb of a wearer from gaze, hands and scene, for `hilbridge run`. Not for people unlike those it was
-made from.
-
-- origin: {record.origin}, {record.people} people, {record.minutes:.1f} labelled minutes
-- data: {len(record.data)} files, hashes in the bundle
-- recipe: {record.recipe.get("name")}, {record.recipe.get("folds")} folds by person; final network on all people
-- versions: {", ".join(f"{name} {value}" for name, value in record.versions.items())}
-- certificate: {"none" if record.certificate is None else record.certificate.method}
-
-{chr(10).join(f"- {line}" for line in lines)}
-
-What the gate comes to on people out of fold:
-
-| tau_on | precision, all ticks | average person | coverage | people who act |
-|---|---|---|---|---|
-{rows}
-
-People who tremble, who use other objects, or who are recorded by other sensors may differ. A threshold below the
-certified one is refused on a physical bus.
-"""

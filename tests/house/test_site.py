@@ -84,5 +84,7 @@ def test_the_site_builds_without_a_warning(tmp_path: Path) -> None:
         name: (tmp_path / "reference" / name / "index.html").read_text() for name in ("commands", "rows", "faults")
     }
     assert "hilbridge conformance" in pages["commands"]
+    assert "float range" in pages["commands"]
+    assert "bound method" not in pages["commands"]
     assert "What the gate compares with its thresholds" in pages["rows"]
     assert "zero_after_fault_ms" in pages["faults"]

@@ -9,7 +9,15 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from safetensors.numpy import load, save
 
-from hilbridge.intent.bundle import METADATA_KEY, BundleError, Replayed, demo_bundle_path, load_bundle, save_bundle
+from hilbridge.intent.bundle import (
+    METADATA_KEY,
+    BundleError,
+    Replayed,
+    demo_bundle_path,
+    load_bundle,
+    save_bundle,
+    seal_of,
+)
 from hilbridge.intent.provenance import LEAST_PEOPLE, Origin, Promise, Provenance, refusal
 
 
@@ -122,6 +130,15 @@ def test_h1_a_bundle_of_certified_people_may_act_with_its_threshold_and_above(tm
 )
 def test_h1_each_statement_of_the_record_is_needed(changed, why):
     assert why in refusal(replace(AFFIRMED, **changed), None, 0.8)
+
+
+@pytest.mark.parametrize("name", ["tau_on", "precision", "delta"])
+@pytest.mark.parametrize("value", [0.0, 1.0, 1.5, -0.1, float("nan"), float("inf"), "0.8x", None, []])
+def test_h1_a_certificate_promises_a_share_and_nothing_else(tmp_path, name, value):
+    tensors, metadata = stored(of_people(tmp_path))
+    metadata["provenance"]["certificate"][name] = value
+    metadata["seal"] = seal_of(tensors, metadata)  # a liar seals it anew
+    assert "cannot be read" in judged(write(tmp_path / "b", tensors, metadata))
 
 
 def test_h1_a_bench_may_do_without_a_certificate_and_without_nothing_else():

@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from scipy.signal import butter, sosfilt
@@ -5,6 +7,7 @@ from scipy.signal import butter, sosfilt
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import STEP_NS
 from hilbridge.intent.tremor import SECTIONS, BandPass, SlidingMedian, TremorGuard
+from hilbridge.records import Hand, HandTracks
 from hilbridge.wearer.person import Wearer
 from hilbridge.wearer.shaking import Tremor
 
@@ -62,3 +65,15 @@ def test_it_ends_with_the_tremor():
 def test_thresholds_out_of_order_are_refused():
     with pytest.raises(ValueError, match="need 0 < off <= on"):
         TremorGuard(0.001, 0.002)
+
+
+@pytest.mark.parametrize(("amplitude", "level"), [(0.0, 0), (0.012, 1), (0.022, 2), (0.06, 3)])
+def test_a_stronger_tremor_is_a_higher_level(amplitude: float, level: int) -> None:
+    guard, assembler = TremorGuard(), FeatureAssembler()
+    for step in range(100):
+        t = step * STEP_NS
+        swing = amplitude * math.sin(2.0 * math.pi * 5.3 * t * 1e-9)
+        hands = HandTracks(t, (Hand(0.3 + swing, 0.8, 0.9), Hand(0.7 + swing, 0.8, 0.9)))
+        guard.update(assembler.update(None, None, hands, t))
+    assert guard.level == level
+    assert guard.trembling == (level > 0)

@@ -28,6 +28,7 @@ from hilbridge.wearer.timeline import DEMO
 TINY = Recipe(
     hidden=16, inner=8, epochs=2, windows_per_epoch=1_000, learning_rate=1e-2, averaging=0.5, class_weight_power=0.0
 )
+LEARNS = replace(TINY, hidden=32, inner=16, epochs=6, windows_per_epoch=4_000, jitter=0.3, averaging=0.8)
 SECONDS = 24.0
 
 
@@ -168,3 +169,27 @@ def test_what_cannot_be_trained_on_is_one_line(trained, tmp_path: Path) -> None:
         train_on_people(replace(config, recipe_name="worst"))
     with pytest.raises(InputError, match="holds a recording already"):
         simulate(config.data[0], 1, SECONDS, DEMO, 40_000, lambda: None)
+
+
+def test_people_before_a_camera_end_in_a_bundle_that_may_act(tmp_path: Path) -> None:
+    """The whole way: twelve people to train on, others to certify, one wearer, and nothing left to refuse."""
+    made(tmp_path / "made", 21, 42_000)
+    seeds = range(42_000, 42_021)
+    train, others, one = (tmp_path / name for name in ("train", "others", "one"))
+    for folder, part in ((train, seeds[:12]), (others, seeds[12:20]), (one, seeds[20:])):
+        for seed in part:
+            of_camera(tmp_path / "made" / f"S-{seed}" / "recording.mcap", folder / f"run-{seed}", f"P-{seed}")
+    config = PeopleConfig(
+        (train,), tmp_path / "b", tmp_path / "work", tmp_path / "report", recipe=LEARNS, precision=0.2, folds=2
+    )
+    bundle = load_bundle(train_on_people(config).bundle)
+    assert refusal(bundle.provenance, bundle.doubt, bundle.thresholds.tau_on) == "its threshold is not certified"
+    asked = CertifyConfig(config.out, precision=0.1, delta=0.3, write=tmp_path / "certified")
+    certified = certify_on_people(asked, (others,), lambda line: None)
+    assert certified.written is not None, certified.lines()
+    adapt(certified.written, (one,), tmp_path / "mine")
+    mine = load_bundle(tmp_path / "mine")
+    assert refusal(mine.provenance, mine.doubt, mine.thresholds.tau_on) is None
+    assert mine.provenance.figures["adapted_to_one_wearer"]["files"] == 1
+    lower = mine.provenance.certificate.tau_on - 0.01
+    assert "below" in (refusal(mine.provenance, mine.doubt, lower) or "")

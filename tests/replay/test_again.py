@@ -93,7 +93,7 @@ def test_another_threshold_decides_otherwise_and_says_where(troubled: Path, tmp_
     traces = Traces()
     difference = replay(troubled, Options(what_if=("gate.tau_on=0.99", "gate.refractory_ms=400")), traces.watch)
     assert not difference.bit_equal
-    assert difference.confidence_max == 0.0  # what is believed is the same
+    assert difference.belief_max == 0.0  # what is believed is the same
     assert difference.ticks_differing == sum(span.ticks for span in difference.spans) > 0
     assert (difference.tau_on, difference.tau_off) == (0.99, 0.35)
     assert difference.now.coverage < difference.recorded.coverage

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from hilbridge.confidence import ConfidenceMaps, RisingMap, condition_of
 from hilbridge.core.bridge import Command
 from hilbridge.core.gate import GateConfig
 from hilbridge.features.layout import D
@@ -31,12 +34,19 @@ class Sure:
         self.resets += 1
 
 
+class Measured(Sure):
+    """Believes as the predictor does: what it says has to be put through a map."""
+
+    def step(self, vector: FeatureVector, produced_ns: int) -> IntentEstimate:
+        return replace(super().step(vector, produced_ns), condition=condition_of(7))
+
+
 class Calm:
     def __init__(self) -> None:
-        self.trembling = False
+        self.level = 0
 
-    def update(self, vector: FeatureVector) -> bool:
-        return self.trembling
+    def update(self, vector: FeatureVector) -> int:
+        return self.level
 
 
 def told(tick: int, **changed: object) -> Told:
@@ -75,9 +85,9 @@ def test_tremor_holds_and_a_gap_between_features_starts_anew() -> None:
     guard, predictor = Calm(), Sure()
     decider = Decider(predictor, GATE, guard)
     run(decider, [told(tick) for tick in range(20)])
-    guard.trembling = True
+    guard.level = 1
     assert run(decider, [told(20)])[-1][1] is HoldReason.TREMOR
-    guard.trembling = False
+    guard.level = 0
     assert run(decider, [told(30)])[-1][1] is HoldReason.WARMING_UP
     assert predictor.resets == 1
 
@@ -90,3 +100,19 @@ def test_what_cannot_be_believed_has_no_age() -> None:
     assert decider.valid == SEEN
     decider.step(told(2, problem="camera is gone"))
     assert decider.oldest_input_ns is None
+
+
+def test_h6_a_level_of_tremor_has_its_own_map_and_what_was_not_measured_holds_at_once() -> None:
+    calm, shaky = RisingMap((0.0, 1.0), (0.0, 0.95)), RisingMap((0.0, 1.0), (0.0, 0.7))
+    weak = RisingMap((0.0, 1.0), (0.0, 0.5))
+    maps = ConfidenceMaps({condition_of(7): calm, condition_of(7, 1): shaky, condition_of(7, 2): weak})
+    guard = Calm()
+    decider = Decider(Measured(), replace(GATE, maps=maps), guard)
+    assert run(decider, [told(tick) for tick in range(20)])[-1] == (Action.ACT, HoldReason.NONE)
+    guard.level = 1
+    assert run(decider, [told(20)])[-1] == (Action.ACT, HoldReason.NONE)
+    assert not decider.tremor
+    for level in (2, 3):  # no confidence under it reaches tau_on; nobody measured it
+        guard.level = level
+        assert run(decider, [told(18 + level * 2)])[-1] == (Action.HOLD, HoldReason.TREMOR)
+        assert decider.tremor

@@ -14,6 +14,7 @@ import pytest
 from firmware_sim.memory import ControllerState
 from firmware_sim.node import Node
 from hilbridge.config import Config
+from hilbridge.conformance.tester import ByHand
 from hilbridge.core.session import Purpose, Session
 from hilbridge.wire.dbc import default_dbc_path
 from hilbridge.wire.secoc import Authenticator
@@ -74,8 +75,15 @@ def _second_device() -> Any:
     return device
 
 
+def _tester() -> ByHand:
+    tester = object.__new__(ByHand)
+    tester.session, tester.key, tester.freshness = 1, KEY, 0
+    return tester
+
+
 MADE: dict[str, Callable[[], Any]] = {
     "Authenticator": lambda: Authenticator(KEY),
+    "ByHand": _tester,
     "ControllerState": lambda: ControllerState(KEY, 1, key=KEY),
     "Device": _second_device,
     "Node": _node,

@@ -35,15 +35,20 @@ def target_section(sections: Sequence[Section]) -> Section:
             if "ratio" in row and row["lost"] != "nothing":
                 what = f"{network} network, {row['lost']} lost: ECE15 of its own calibrator over one global temperature"
                 add(what, row["ratio"], 0.0, 0.7, "<= 0.7")
+    for row in tables["e5_closed_loop"]:
+        if row["method"] == "gate" and row["tau_on"] >= 0.5 and row["coverage"] >= 0.01:
+            what = f"closed loop at tau_on {row['tau_on']:g}"
+            reached, claimed = row["act_only_precision"], row["mean_confidence_while_acting"]
+            add(f"{what}: act-only precision less tau_on", reached - row["tau_on"], -0.02, 1.0, ">= -0.02")
+            add(f"{what}: claimed less reached", claimed - reached, -0.03, 0.03, "|value| <= 0.03")
+    calm = next(row for row in tables["tremor"] if row["guard"] == "on" and row["tremor_hz"] == 0.0)
     for row in tables["tremor"]:
-        if row["guard"] == "on" and row["tremor_hz"] >= 4.0:
-            what = f"tremor of {row['tremor_hz']:g} Hz, act-only precision with the guard"
-            if row["act_only_precision"] is None:
-                rows.append({"what": what, "figure": "HOLD throughout", "target": "tau - 0.05 or HOLD", "met": "yes"})
-            else:
-                add(
-                    what, row["act_only_precision"], row["tau_on"] - 0.05, 1.0, f">= {row['tau_on'] - 0.05:.2f} or HOLD"
-                )
+        if row["guard"] == "on" and row["tremor_hz"] > 0.0:
+            what = f"tremor of {row['tremor_hz']:g} Hz"
+            add(f"{what}: coverage", row["coverage"], 0.3 * calm["coverage"], 1.0, "0.3 of calm people's")
+            if row["act_only_precision"] is not None:
+                least = row["tau_on"] - 0.05
+                add(f"{what}: act-only precision", row["act_only_precision"], least, 1.0, f">= {least:.2f}")
     return Section(
         "targets", "Targets of the synthetic benchmark", "synthetic", rows, "Details are in the sections below."
     )

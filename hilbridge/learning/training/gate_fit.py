@@ -85,7 +85,8 @@ def fit_maps(parts: Iterable[tuple[Watched, Stream]]) -> ConfidenceMaps:
     made = {}
     for one in np.unique(condition):
         here = condition == one
-        if not one >> TREMOR_SHIFT or here.sum() >= LEAST_TICKS:
+        enough = not one >> TREMOR_SHIFT or here.sum() >= LEAST_TICKS
+        if one & ALL_VALID and enough:  # a window that mostly had nothing has no map
             made[int(one)] = fit_map(probability[here], right[here])
     return ConfidenceMaps(made)
 

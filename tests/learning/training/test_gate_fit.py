@@ -84,6 +84,7 @@ def test_a_level_of_tremor_needs_a_minute_to_be_measured() -> None:
     under = np.full(steps, condition_of(7))
     under[:1_000] = condition_of(7, 1)
     under[1_000:2_600] = condition_of(7, 2)
+    under[2_600:2_700] = 0  # nothing was valid in half of the window
     able = np.ones(steps, bool)
     smoothed = np.full((steps, K), 0.01)
     smoothed[:, 0] = np.linspace(0.1, 0.9, steps)
