@@ -33,6 +33,7 @@ EXAMPLES = {
     "minimise": "hilscenario minimise failing.yaml --out smaller.yaml",
     "run": "hilscenario run catalog --out out/catalog --jobs 2",
     "schema": "hilscenario schema",
+    "twins": "hilscenario twins --tremor cerebellar --seeds 2 --out out/twins",
 }
 Json = Annotated[bool, typer.Option("--json", help="print one JSON object instead of text")]
 Paths = Annotated[list[Path], typer.Argument(help="scenario files, folders of them, or `catalog`, which ships")]
@@ -195,6 +196,49 @@ def minimise(
     target = out or path.with_suffix(".min.yaml")
     write_whole(target, dump_scenario(smaller))
     typer.echo(f"{target}: {len(smaller.steps)} of {len(scenario.steps)} faults, {smaller.duration / 1e9:g} s")
+
+
+@app.command()
+def twins(
+    verb: Annotated[list[str] | None, typer.Option(help="of what the person does; default: Take, Pour")] = None,
+    seeds: Annotated[int, typer.Option(min=1, help="persons, from --seed on")] = 1,
+    seed: Annotated[int, typer.Option(min=0, help="the first person")] = 1,
+    control: Annotated[str, typer.Option(help="steady, weak or ataxic")] = "steady",
+    tremor: Annotated[
+        str, typer.Option(help="none, essential, parkinsonian, cerebellar, or a file: a recorded hand (CSV, xsense.h5)")
+    ] = "essential",
+    preset: Annotated[str, typer.Option(help="drive: quasi-direct, series-elastic or soft")] = "quasi-direct",
+    cuff: Annotated[float | None, typer.Option(min=80, max=1000, help="N m/rad; default: the preset's")] = None,
+    out: Annotated[Path | None, typer.Option(help="folder for twins.json and a picture a pair")] = None,
+    as_json: Json = False,
+) -> None:
+    """The same seed with one event changed (false ACT, wrong verb, missed assist, dropout mid-pour): what it alone does."""
+    from hilscenario.terminal import print_rows, progress_bar
+    from hilscenario.twins.page import TITLES, draw, worst, write
+    from hilscenario.twins.page import as_json as to_json
+    from hilscenario.twins.run import body_of, cases, compare, verbs_of
+
+    body, wanted = body_of(control, tremor, preset, cuff), verbs_of(verb or ["Take", "Pour"])
+    pairs = [pair for one in range(seed, seed + seeds) for pair in cases(one, body, wanted)]
+    if not pairs:
+        raise InputError(
+            f"none of {seeds} persons from seed {seed} on ever does {', '.join(wanted)}: take more --seeds"
+        )
+    rows = []
+    with progress_bar(len(pairs), quiet=as_json) as progress:
+        for pair in pairs:
+            found, run_trace, twin_trace = compare(pair)
+            rows.append((pair, found))
+            if out is not None:
+                name = f"{pair.event}-{pair.verb}-{pair.seed}".replace(" ", "-").replace("/", "-").lower()
+                draw(pair, run_trace, twin_trace, out / f"{name}.png")
+            progress(pair.event)
+    if out is not None:
+        write(rows, out)
+    if as_json:
+        typer.echo(to_json(rows))
+    else:
+        print_rows(TITLES, worst(rows))
 
 
 show_examples(app, EXAMPLES)

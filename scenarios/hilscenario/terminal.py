@@ -41,6 +41,16 @@ def progress_bar(total: int, *, quiet: bool) -> Iterator[Callable[[str], None]]:
         yield lambda name: bar.update(task, advance=1, description=name)
 
 
+def print_rows(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A plain table, the first column to the left."""
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for title in titles:
+        table.add_column(title, justify="left" if title == titles[0] else "right")
+    for row in rows:
+        table.add_row(*row)
+    Console(width=None if Console().is_terminal else 120).print(table)
+
+
 def print_results(results: Sequence[Result], out: Path | None, skipped: Sequence[Skipped] = ()) -> None:
     """The table, then what failed and how to repeat it, and what was not run and why."""
     console = Console(width=None if Console().is_terminal else 120)

@@ -80,6 +80,7 @@ SUBROOMS: dict[str, dict[str, set[str]]] = {
         "verdict": {"format", "signals", "world"},
         "lockstep": {"format", "signals", "verdict", "world"},
         "live": {"format", "signals", "verdict", "world"},
+        "twins": set(),
         "runner": {"format", "live", "lockstep", "signals", "verdict", "world"},
         "campaign": {"format", "lockstep", "runner", "signals", "verdict", "world"},
         "minimise": {"format", "lockstep", "runner", "signals", "verdict", "world"},

@@ -1,0 +1,113 @@
+"""Figures of the worn arm for docs/arm.md: `python -m tests.tools.arm_figures [PART...]`.
+
+mujoco: against MuJoCo over 2 s. hold: cuff torque in FOLLOW. tremor: what ACT leaves of tremor, by cuff and loop delay.
+wrong: false ACTs and wrong verbs over verbs and wearers. speed: how quick it all is.
+"""
+
+from __future__ import annotations
+
+import itertools
+import sys
+import time
+from dataclasses import replace
+from math import sqrt
+
+import numpy as np
+
+from firmware_sim.plant.nerves import CONTROLS, Person
+from firmware_sim.plant.parameters import PRESETS
+from firmware_sim.plant.tremors import KINDS, Shaking
+from firmware_sim.states import State
+from firmware_sim.worn_device import WornDevice
+from hilscenario.twins.page import TITLES, worst
+from hilscenario.twins.reaching import REST, Leg, Reaches
+from hilscenario.twins.run import Body, cases, compare
+
+POUR = 10
+VERBS = ("Take", "Open", "Cut", "Inspect/Read", "Pour", "Mix", "Operate")  # one of each profile
+CUFFS = (80.0, 150.0, 300.0, 600.0, 1000.0)
+DELAYS_MS = (1, 2, 5, 10)
+REACHING = Reaches([Leg(at + part, to) for at in range(1, 60, 4) for part, to in ((0.0, (0.55, 1.4)), (2.0, REST))])
+STILL = Reaches([Leg(-5.0, (0.55, 1.4))])
+
+
+def mujoco() -> None:
+    """The largest difference of a joint over 2 s."""
+    from tests.firmware_sim.plant.test_worn import CASES, apart
+
+    for driven in (False, True):
+        free = max(apart(name, cuff, driven) for name, cuff in CASES if name is None)
+        worn = max(apart(name, cuff, driven) for name, cuff in CASES if name is not None)
+        print(f"{'driven' if driven else 'falling'}: free arm {free:.3f} deg, arm + cuff + device {worn:.3f} deg")
+
+
+def hold() -> None:
+    """RMS of the cuff's torque at the elbow over 20 s of reaches in FOLLOW, no tremor."""
+    for (name, preset), control in itertools.product(PRESETS.items(), CONTROLS):
+        device, total = WornDevice(Person(REACHING, CONTROLS[control]), preset), 0.0
+        for _ in range(20_000):
+            device.tick()
+            total += device.arm.cuff_torque()[1] ** 2
+        print(f"{name}, {control}: {sqrt(total / 20_000):.3f} N m RMS, {device.state.state.name}")
+
+
+def _powers(device: WornDevice, act: bool) -> tuple[float, list[float]]:
+    """Power of 3 to 12 Hz of the elbow's speed over 4 s; the angles."""
+    angles, state = [], device.state
+    for now_ms in range(5_000):
+        if act and now_ms == 800 and state.state is State.FOLLOW:
+            state.state, state.verb, state.assist_since_ms = State.ASSIST, POUR, state.last_tick_ms
+        device.tick()
+        angles.append(device.arm.angle[1])
+    speed = np.diff(angles[1_000:])
+    hertz, power = np.fft.rfftfreq(len(speed), 0.001), np.abs(np.fft.rfft(speed * np.hanning(len(speed)))) ** 2
+    return float(power[(hertz >= 3.0) & (hertz <= 12.0)].sum()), angles
+
+
+def tremor() -> None:
+    """What ACT for Pour leaves of tremor at a held cup, against FOLLOW; the loop's delay is the drive's dead time."""
+    for kind, delay in itertools.product(KINDS, DELAYS_MS):
+        left = []
+        for cuff in CUFFS:
+            preset = replace(PRESETS["quasi-direct"], dead_s=(delay - 1) * 0.001)
+            pair = []
+            for act in (False, True):
+                shaking = Shaking(replace(KINDS[kind], resting=1.0), 5)
+                pair.append(_powers(WornDevice(Person(STILL, CONTROLS["steady"], shaking), preset, cuff), act)[0])
+            left.append(pair[1] / pair[0])
+        print(
+            f"{kind}, delay {delay} ms: "
+            + ", ".join(f"{cuff:g}: {one:.2f}" for cuff, one in zip(CUFFS, left, strict=True))
+        )
+    for control in CONTROLS:
+        both = [_powers(WornDevice(Person(REACHING, CONTROLS[control])), act)[1] for act in (False, True)]
+        apart = np.degrees(np.array(both[0]) - np.array(both[1]))[1_000:]
+        print(f"voluntary movement, {control}: {np.sqrt(np.mean(apart**2)):.2f} deg RMS")
+
+
+def wrong() -> None:
+    """The worst of false ACTs, wrong verbs, and dropouts while pouring, a wearer at a time."""
+    for control, kind in itertools.product(
+        ("weak", "ataxic", "steady"), ("cerebellar", "none", "essential", "parkinsonian")
+    ):
+        rows = [(pair, compare(pair)[0]) for pair in cases(1, Body(control, kind), VERBS)]
+        for row in worst(rows):
+            told = ", ".join(f"{title} {one}" for title, one in zip(TITLES, row, strict=True))
+            print(f"{control}, {kind}: {told}", flush=True)
+
+
+def speed() -> None:
+    """Simulated over processor time, controller in Python."""
+    device = WornDevice(Person(REACHING, CONTROLS["steady"], Shaking(KINDS["essential"], 1)))
+    began = time.process_time()
+    for _ in range(10_000):
+        device.tick()
+    print(f"{10.0 / (time.process_time() - began):.0f} times real time")
+
+
+PARTS = {"mujoco": mujoco, "hold": hold, "tremor": tremor, "wrong": wrong, "speed": speed}
+
+if __name__ == "__main__":
+    for part in sys.argv[1:] or PARTS:
+        print(f"-- {part}")
+        PARTS[part]()
