@@ -88,6 +88,36 @@ def _no_interrupts() -> Iterator[None]:
         signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
 
 
+@contextlib.contextmanager
+def sure_to_end(name: str, patience_s: float = 5.0) -> Iterator[None]:
+    """For work of a library that may lose a Ctrl-C, or wait for ever after it: what goes on for longer than `patience_s`
+    after one is ended. What has been written stays; children are to hold a lease (`hilbridge.lease`).
+    """
+    if threading.current_thread() is not threading.main_thread():  # where signals do not arrive
+        yield
+        return
+    timers: list[threading.Timer] = []
+
+    def give_up() -> None:
+        _say(name, "interrupted")
+        os._exit(INTERRUPTED)
+
+    def interrupted(number: int, frame: object) -> None:
+        if not timers:
+            timers.append(threading.Timer(patience_s, give_up))
+            timers[0].daemon = True
+            timers[0].start()
+        raise KeyboardInterrupt
+
+    before = signal.signal(signal.SIGINT, interrupted)
+    try:
+        yield
+        for timer in timers:
+            timer.cancel()
+    finally:  # after an interrupt the patience holds to the program's end: libraries wait for their children there, too
+        signal.signal(signal.SIGINT, signal.SIG_DFL if before is None else before)
+
+
 def _told(error: BaseException, name: str) -> int:
     while isinstance(error, BaseExceptionGroup):
         error = error.exceptions[0]

@@ -5,12 +5,14 @@ from __future__ import annotations
 import errno
 import os
 import signal
+import subprocess
+import sys
 
 import pytest
 import typer
 
 from hilbridge.errors import InputError
-from hilbridge.guard import guarded
+from hilbridge.guard import guarded, sure_to_end
 
 
 def raising(error: BaseException) -> int:
@@ -66,4 +68,55 @@ def test_codes_of_commands_are_their_own() -> None:
 def test_ctrl_c_works_as_before_after_a_command_that_failed() -> None:
     before = signal.getsignal(signal.SIGINT)
     assert raising(InputError("no such file")) == 2
+    assert signal.getsignal(signal.SIGINT) is before
+
+
+_LOSES = """
+import os, signal, sys
+from hilbridge.guard import guarded, sure_to_end, sure_to_end
+
+def command():
+    with sure_to_end("prog", 0.1):
+        while True:
+            try:
+                os.kill(os.getpid(), signal.SIGINT)
+                signal.pause()
+            except KeyboardInterrupt:
+                pass
+
+sys.exit(guarded(command, "prog"))
+"""
+
+
+def test_work_that_loses_an_interrupt_ends_all_the_same() -> None:
+    done = subprocess.run([sys.executable, "-c", _LOSES], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (130, "prog: interrupted\n")
+
+
+_WAITS_AT_ITS_END = """
+import atexit, os, signal, sys, threading
+from hilbridge.guard import guarded, sure_to_end
+
+atexit.register(threading.Event().wait)
+
+def command():
+    with sure_to_end("prog", 0.1):
+        os.kill(os.getpid(), signal.SIGINT)
+        signal.pause()
+
+sys.exit(guarded(command, "prog"))
+"""
+
+
+def test_work_that_waits_for_its_children_at_the_end_ends_all_the_same() -> None:
+    command = [sys.executable, "-c", _WAITS_AT_ITS_END]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 130
+    assert done.stderr.splitlines()[0] == "prog: interrupted"
+
+
+def test_a_loop_without_an_interrupt_leaves_the_handler_as_it_was() -> None:
+    before = signal.getsignal(signal.SIGINT)
+    with sure_to_end("prog", 0.1):
+        assert signal.getsignal(signal.SIGINT) is not before
     assert signal.getsignal(signal.SIGINT) is before

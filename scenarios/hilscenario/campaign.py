@@ -21,6 +21,7 @@ import joblib
 
 from hilbridge.errors import InputError
 from hilbridge.files import write_whole
+from hilbridge.guard import sure_to_end
 from hilbridge.lease import end_with
 from hilscenario.format.files import dump_scenario, scenario_of
 from hilscenario.format.schema import Expectation, Scenario, Step
@@ -242,7 +243,7 @@ def run_campaign(
         progress("")
     left = [sample for sample in samples if sample.key not in known]
     torn = log.exists() and not log.read_bytes().endswith(b"\n")
-    with log.open("a", encoding="utf-8") as file, _workers(jobs, cluster) as workers:
+    with log.open("a", encoding="utf-8") as file, _workers(jobs, cluster) as workers, sure_to_end("hilscenario"):
         if torn:  # a last line cut off by an interruption must not swallow the next one
             file.write("\n")
         if not known and file.tell() == 0:
