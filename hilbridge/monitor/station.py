@@ -25,7 +25,7 @@ class Station:
         self._port = port
         self._clock = clock
         self._stop = Frame(codec.messages["STOP"].can_id, b"")
-        self._key: tuple[str, ...] = ()
+        self._shown: tuple[str, ...] = ()
 
     async def run(self) -> None:
         """Read until cancelled."""
@@ -44,8 +44,8 @@ class Station:
             Link(state.link_up, state.reason, state.controller.value, state.tx_errors, state.rx_errors, lost)
         )
         self.watch.advance(self._clock())
-        if self.watch.key != self._key:
-            self._key = self.watch.key
+        if self.watch.key != self._shown:
+            self._shown = self.watch.key
             self.on_change()
 
     async def stop(self) -> str:

@@ -247,7 +247,9 @@ def _fails(item: Any) -> bool:
     return any(report.failed for report in runtestprotocol(item, log=False, nextitem=None))
 
 
+# plain: this project is a pytest plugin, so pytest would read our modules itself, to rewrite their assertions, past the mutant.
 _OPTIONS = (
+    "--assert=plain",
     "-q",
     "--no-header",
     "--tb=no",
