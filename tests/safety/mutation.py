@@ -249,17 +249,8 @@ def _fails(item: Any) -> bool:
 
 # plain: this project is a pytest plugin, so pytest would read our modules itself, to rewrite their assertions, past the mutant.
 _OPTIONS = (
-    "--assert=plain",
-    "-q",
-    "--no-header",
-    "--tb=no",
-    "-p",
-    "no:cacheprovider",
-    "-p",
-    "no:cov",
-    "-p",
-    "no:xdist",
-    "--hypothesis-seed=0",
+    *("--assert=plain", "-q", "--no-header", "--tb=no", "--hypothesis-seed=0"),
+    *("-p", "no:cacheprovider", "-p", "no:cov", "-p", "no:xdist"),
 )
 
 
