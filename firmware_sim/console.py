@@ -16,13 +16,13 @@ from typing import IO
 _LOOK_AGAIN_S = 0.5
 
 
-def say(text: str, *, wrong: bool = False) -> None:
-    """One line; where nobody can read it any more the device goes on."""
+def say(text: str, *, wrong: bool = False, program: str = "firmware-sim") -> None:
+    """One line; where nobody can read it any more the program goes on."""
     with contextlib.suppress(OSError, ValueError):
         if wrong:
-            print(f"firmware-sim: {text}", file=sys.stderr, flush=True)  # noqa: T201
+            print(f"{program}: {text}", file=sys.stderr, flush=True)  # noqa: T201
         else:
-            print(f"firmware-sim {text}", flush=True)  # noqa: T201
+            print(f"{program} {text}", flush=True)  # noqa: T201
 
 
 def listen(

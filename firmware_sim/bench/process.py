@@ -18,6 +18,7 @@ from firmware_sim.bench.link import attach
 from firmware_sim.bench.mechanics import Elbow
 from firmware_sim.bench.plant import Plant
 from firmware_sim.bench.wire import ANGLE_IDS, MOTION_IDS, TORQUE_ID, read_torque
+from firmware_sim.console import say
 from firmware_sim.plant.arm import WEARERS
 from firmware_sim.priority import use_realtime_scheduling
 
@@ -111,10 +112,10 @@ def main(arguments: list[str] | None = None) -> int:
         told = {**asdict(process.plant.account), "frames_dropped": bus.dropped, "link_errors": bus.link_errors}
         _say(f"done {json.dumps(told)}")
     except (BusUnusable, PlantUnusable) as error:
-        print(f"plant: {' '.join(str(error).split())}", file=sys.stderr)  # noqa: T201
+        say(" ".join(str(error).split()), wrong=True, program="plant")
         return 2
     except OSError as error:
-        print(f"plant: {options.json_log}: {error.strerror}; name a file that can be written", file=sys.stderr)  # noqa: T201
+        say(f"{options.json_log}: {error.strerror}; name a file that can be written", wrong=True, program="plant")
         return 2
     finally:
         if bus is not None:
@@ -125,7 +126,7 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def _say(text: str) -> None:
-    print(f"plant {text}", flush=True)  # noqa: T201
+    say(text, program="plant")
 
 
 def _on_signals(process: Process) -> None:

@@ -45,7 +45,7 @@ def own(key: str, spec: str) -> Own:
         if found is None:
             raise InputError(f"{key} {spec}: names no code; write package.module:Name")
         if "" not in sys.path:
-            sys.path.insert(0, "")
+            sys.path.append("")  # last: a file there must not stand in for a module of anybody else's
         module = importlib.import_module(found["module"])
     except ImportError as error:
         raise InputError(f"{key} {spec}: cannot be imported ({error}); install it, or start where it lies") from None
