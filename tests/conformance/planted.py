@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +14,7 @@ from firmware_sim.law.numbers import div
 from firmware_sim.memory import ControllerState
 from firmware_sim.receive import receive
 from firmware_sim.states import TABLE, Event, State
+from tests.safety.tools.planting import spoilt
 
 
 @dataclass(frozen=True)
@@ -153,25 +153,6 @@ DEFECTS = (
 )
 
 
-@contextmanager
-def planted(defect: Defect) -> Iterator[None]:
+def planted(defect: Defect) -> AbstractContextManager[None]:
     """The defect, for as long as this lasts."""
-    before = [(owner, name, _read(owner, name)) for owner, name, _ in defect.places]
-    try:
-        for owner, name, value in defect.places:
-            _write(owner, name, value)
-        yield
-    finally:
-        for owner, name, value in before:
-            _write(owner, name, value)
-
-
-def _read(owner: Any, name: Any) -> Any:
-    return owner[name] if isinstance(owner, dict) else getattr(owner, name)
-
-
-def _write(owner: Any, name: Any, value: Any) -> None:
-    if isinstance(owner, dict):
-        owner[name] = value
-    else:
-        setattr(owner, name, value)
+    return spoilt(defect.places)

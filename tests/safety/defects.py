@@ -23,6 +23,7 @@ from hilscenario.campaign import GATE_STATES, Sample, base_scenario, scenario_fo
 from hilscenario.format.schema import Scenario
 from hilscenario.lockstep.run import run_scenario
 from tests.safety.table import REFERENCE
+from tests.safety.tools.planting import spoilt
 
 
 class _EqualToAll:
@@ -97,26 +98,8 @@ DEFECTS: tuple[Defect, ...] = (
 @contextmanager
 def planted(defect: Defect) -> Iterator[None]:
     """The defect, for as long as this lasts. The reference runs meanwhile: the C would not have it."""
-    before = [(owner, name, _read(owner, name)) for owner, name, _ in defect.places]
-    try:
-        for owner, name, value in defect.places:
-            _write(owner, name, value)
-        with mock.patch.dict(os.environ, REFERENCE):
-            yield
-    finally:
-        for owner, name, value in before:
-            _write(owner, name, value)
-
-
-def _read(owner: Any, name: Any) -> Any:
-    return owner[name] if isinstance(owner, dict) else getattr(owner, name)
-
-
-def _write(owner: Any, name: Any, value: Any) -> None:
-    if isinstance(owner, dict):
-        owner[name] = value
-    else:
-        setattr(owner, name, value)
+    with spoilt(defect.places), mock.patch.dict(os.environ, REFERENCE):
+        yield
 
 
 def scenarios_for(defect: Defect) -> list[Scenario]:
