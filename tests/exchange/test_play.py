@@ -92,8 +92,6 @@ def test_everything_but_errors_is_heard_on_a_virtual_bus(recording: Path) -> Non
         (row.can_id, row.data, row.is_extended, row.is_fd) for row in expected
     ]
     assert played.withheld == {"error frames": 1}
-    # On the bus they are as far apart as they were in the recording, at four times the speed; never closer.
-    assert heard[-1].received_ns - heard[0].received_ns >= 30 * MS / 4 * 0.9
 
 
 def test_only_what_the_bridge_received(recording: Path) -> None:
