@@ -18,6 +18,7 @@ from hilbridge.monitor.playback import Playback
 from hilbridge.monitor.server import Server
 from hilbridge.monitor.state import Thresholds, Watch
 from hilbridge.monitor.station import Station
+from hilbridge.priority import Level, use_realtime_scheduling
 from hilbridge.wire.codec import Codec
 
 Told = Callable[[str], None]
@@ -91,6 +92,7 @@ async def watch_bus(bus: str, bundle: Path, access: Access, ready: Told, *, list
         server = Server(access, live=live)
         station.on_change = server.changed
         async with server.serving() as url:
+            use_realtime_scheduling(Level.PAGE)  # a STOP from the page must not wait for what is ordinary
             reading = asyncio.create_task(station.run())
             ready(url)
             try:

@@ -153,7 +153,7 @@ class Server:
     async def _socket(self, request: web.Request, live: Live) -> web.StreamResponse:
         if len(self._clients) >= _MOST_CLIENTS:
             return web.json_response({"error": f"{_MOST_CLIENTS} pages are open already"}, status=503, headers=_HEADERS)
-        socket = web.WebSocketResponse(heartbeat=10.0, max_msg_size=256)
+        socket = web.WebSocketResponse(heartbeat=10.0, max_msg_size=256, compress=False)  # a STOP waits for no packing
         await socket.prepare(request)
         self._clients.add(socket)
         pusher = asyncio.create_task(self._push(socket))

@@ -121,9 +121,9 @@ function connect() {
 }
 
 function stop() {
-  set("stop-said", "");
-  if (socket !== null && socket.readyState === WebSocket.OPEN) socket.send("STOP");
-  else set("stop-said", "STOP was NOT sent: no connection. Use the device's own stop.");
+  const open = socket !== null && socket.readyState === WebSocket.OPEN;
+  if (open) socket.send("STOP");  // before anything is drawn
+  set("stop-said", open ? "" : "STOP was NOT sent: no connection. Use the device's own stop.");
 }
 
 function startLive() {
