@@ -1,4 +1,5 @@
-"""The page's server: views are pushed over a WebSocket, at most ten a second; the one word it understands is STOP.
+"""The page's server: views are pushed over a WebSocket, five a second, and at once where something changed. The one word
+that it understands is STOP.
 
 A WebSocket, because a browser opens only six ordinary connections to one server: a page in a seventh tab could not stop.
 """
@@ -21,7 +22,7 @@ with needs_extra("monitor"):
     from aiohttp import WSCloseCode, WSMsgType, web
 
 STOP = "STOP"
-LEAST_GAP_S = 0.1  # ten views a second
+LEAST_GAP_S = 0.05  # where what a person must see at once has changed
 LONGEST_GAP_S = 0.2
 _MOST_CLIENTS = 32
 _PATIENCE_S = 5.0  # for a client that does not read

@@ -88,6 +88,7 @@ class Watch:
         self._bits = 0
         self._events: deque[tuple[int, str]] = deque(maxlen=_MOST_EVENTS)
         self._said: dict[str, str] = {}
+        self._lost_ns: dict[str, int] = {}  # since when the bridge does without a sensor
         self._reason_text = ""
         self._tick: TickRow | None = None
         self._belief: BeliefRow | None = None
@@ -163,6 +164,10 @@ class Watch:
         word = " ".join(filter(None, (state["word"], state["verb"])))
         self._changed("state", word, now_ns, "", f"{word}: {state['reason']}")
         for name, sensor in self._sensors(now_ns).items():
+            if sensor is not False:
+                self._lost_ns.pop(name, None)
+            else:
+                self._lost_ns.setdefault(name, self._heard.at_ns["BRIDGE_HB"])
             self._changed(name, "" if sensor is not False else f"{name} is not used", now_ns, f"{name} is used again")
 
     def _changed(self, what: str, said: str, now_ns: int, back: str, text: str = "") -> None:
@@ -200,7 +205,9 @@ class Watch:
         status = heard.signals["CTRL_STATUS"]
         word, kind = state_word(str(status["State"]))
         verb = str(status["AppliedVerb"]) if kind == Kind.ASSIST else None
-        return _told(word, kind, self._reason(kind, status, now_ns), verb)
+        said = self._reason(kind, status, now_ns)
+        lost_ns = [at_ns for name, at_ns in self._lost_ns.items() if said == SENSORS[name]]
+        return _told(word, kind, said, verb) | {"for_s": round((now_ns - lost_ns[0]) / 1e9, 1) if lost_ns else None}
 
     def _reason(self, kind: str, status: dict[str, Any], now_ns: int) -> Said:
         """The first cause that explains the state: what latched the device, else what the bridge lacks, else its own word."""
@@ -325,7 +332,7 @@ def _with_text(said: Said, text: str) -> Said:
 
 
 def _told(word: str, kind: str, said: Said, verb: str | None = None) -> dict[str, Any]:
-    return {"word": word, "kind": kind, "verb": verb, "reason": said.text, "cure": said.cure}
+    return {"word": word, "kind": kind, "verb": verb, "reason": said.text, "cure": said.cure, "for_s": None}
 
 
 def _rounded(value: Any) -> Any:

@@ -21,6 +21,7 @@ function showState(state) {
   const name = state.verb ? state.word + " " + state.verb : state.word;
   if ($("state").className !== state.kind) $("state").className = state.kind;
   set("shape", SHAPES[state.kind] || "?"); set("name", name); set("reason", state.reason); set("cure", state.cure);
+  set("for", typeof state.for_s === "number" ? "For " + state.for_s.toFixed(1) + " s." : "");
   set("spoken", name + ". " + state.reason + (state.cure ? " " + state.cure : ""));
   document.title = name + " - Monitor";
 }

@@ -13,12 +13,13 @@ from typing import Any
 
 import pytest
 
-from hilbridge.monitor.words import NO_SENSING
+from hilbridge.monitor.words import SENSORS
 from tests.system.operator.rig import CHROMIUM, Ear, chromium, monitor, page_zero_ns, write_token
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed: no browser test")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine: the page is not tried")
 
+GAZE_LOST = SENSORS["gaze"].text
 _SCENARIO = """
 name: page
 duration: 30 s
@@ -89,8 +90,8 @@ def test_a_live_session_on_the_page(browser: Any, tmp_path: Path, token_file: Pa
             second.wait_for_selector("#state.assist")
             assert violations(page) == []
             page.screenshot(path=tmp_path / "assist-1280.png", full_page=True)
-            page.wait_for_selector(f"#reason:text-is('{NO_SENSING.text}')", timeout=30_000)
-            said_ms = next(at for at, text in page.evaluate("window.seen") if text == NO_SENSING.text)
+            page.wait_for_selector(f"#reason:text-is('{GAZE_LOST}')", timeout=30_000)
+            said_ms = next(at for at, text in page.evaluate("window.seen") if text == GAZE_LOST)
             said_ns = zero_ns + round(said_ms * 1e6)
             dropout_ms = (said_ns - max(lost for lost in ear.gaze_lost_ns if lost <= said_ns)) / 1e6
             page.set_viewport_size({"width": 800, "height": 1100})
