@@ -1,4 +1,5 @@
 import json
+import ssl
 
 import pytest
 
@@ -122,3 +123,23 @@ async def test_a_port_that_is_taken_is_said_in_a_line():
         with pytest.raises(InputError, match="choose another with --port"):
             async with Server(access_of("127.0.0.1", port, None, None, None), live=Shown()).serving():
                 pass
+
+
+async def test_tls_serves_page_and_stop_to_whoever_knows_the_token_and_to_nobody_without(client, pair, token):
+    shown, trusted = Shown(), ssl.create_default_context(cafile=str(pair[0]))
+    async with Server(access_of("127.0.0.1", 0, token, *pair), live=shown).serving() as url:
+        assert url.startswith("https://127.0.0.1:")
+        async with client.get(url, ssl=trusted) as answer:
+            assert answer.status == 200
+        async with client.ws_connect(url + "live", ssl=trusted, origin=url.rsplit("/", 2)[0]) as socket:
+            await socket.send_str("STOP")
+            while "stop" not in await socket.receive_json():
+                pass
+        for wrong in (url.replace("a" * 32, "b" * 32), url.replace("a" * 32, ""), url.rsplit("/", 2)[0] + "/"):
+            async with client.get(wrong + "live", ssl=trusted) as answer:
+                assert answer.status == 404  # not 401: that would say that there is something
+        with pytest.raises(aiohttp.ClientError):  # whoever speaks no TLS
+            await client.get(url.replace("https", "http"))
+        with pytest.raises(aiohttp.ClientConnectorCertificateError):  # a certificate that the client does not know
+            await client.get(url)
+    assert shown.stops == 1
