@@ -28,7 +28,9 @@ from hilbridge.wearer.shaking import Tremor
 
 DEMO_SEED = 3  # a person the shipped bundle was not trained on
 _DEVICE_START_S = 30.0
-_LAST_FRAMES_S = 0.1  # for what is still on the wire when the bridge has stopped
+_LAST_FRAMES_S = (
+    0.3  # for what is still on the wire when the bridge has stopped, and until the device follows by itself
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +55,14 @@ class DeviceProcess:
         self.failure = ""  # its last word, where it ended before it was asked to
         self._stopped = False
         self._lines: queue.Queue[str | None] = queue.Queue()
+        # A session of its own: a Ctrl-C at the terminal is the bridge's, and the device must see the bridge stop.
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
         )
         threading.Thread(target=self._read, daemon=True).start()
         line = self._next_line(_DEVICE_START_S)
