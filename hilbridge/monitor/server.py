@@ -17,6 +17,7 @@ from typing import Any, Protocol
 
 from hilbridge.errors import InputError, needs_extra
 from hilbridge.monitor.access import Access
+from hilbridge.observe.keeping.sharing import SharedPicture
 
 with needs_extra("monitor"):
     from aiohttp import WSCloseCode, WSMsgType, web
@@ -46,6 +47,9 @@ class Live(Protocol):
 
     def view(self) -> dict[str, Any]:
         """The newest view."""
+
+    def picture(self, after_ns: int) -> SharedPicture | None:
+        """The bridge's newest picture, if it shares them and this one is newer."""
 
     async def stop(self) -> str:
         """STOP on the bus; why it failed, empty where it did not."""
@@ -134,6 +138,8 @@ class Server:
             return web.json_response({} if shown is None else shown.about(), headers=_HEADERS)
         if name == "live" and self._live is not None:
             return await self._socket(request, self._live)
+        if name == "picture" and self._live is not None:
+            return await self._shared(request, self._live)
         if name in ("view", "picture") and self._recorded is not None:
             return await self._moment(name, request, self._recorded)
         return web.json_response({"error": "there is nothing here"}, status=404, headers=_HEADERS)
@@ -150,6 +156,15 @@ class Server:
         if picture is None:
             return web.Response(status=204, headers=_HEADERS)
         return web.Response(body=picture, content_type="image/jpeg", headers=_HEADERS)
+
+    async def _shared(self, request: web.Request, live: Live) -> web.StreamResponse:
+        """The bridge's picture, and in a header what is drawn over it; 204 where there is none that the page has not got."""
+        after = request.query.get("after", "0")
+        picture = await asyncio.to_thread(live.picture, int(after) if after.isdecimal() and len(after) < 20 else 0)
+        if picture is None:
+            return web.Response(status=204, headers=_HEADERS)
+        overlay = json.dumps({"number": str(picture.shared_ns), **picture.overlay})
+        return web.Response(body=picture.jpeg, content_type="image/jpeg", headers={**_HEADERS, "X-Overlay": overlay})
 
     async def _socket(self, request: web.Request, live: Live) -> web.StreamResponse:
         if len(self._clients) >= _MOST_CLIENTS:

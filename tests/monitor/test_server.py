@@ -8,6 +8,7 @@ aiohttp = pytest.importorskip("aiohttp")
 from hilbridge.errors import InputError  # noqa: E402
 from hilbridge.monitor.access import Access, access_of  # noqa: E402
 from hilbridge.monitor.server import Server  # noqa: E402
+from hilbridge.observe.keeping.sharing import SharedPicture  # noqa: E402
 
 
 class Shown:
@@ -21,6 +22,9 @@ class Shown:
 
     def view(self):
         return {"s": 1.0}
+
+    def picture(self, after_ns):
+        return SharedPicture(8, 64, 36, b"\xff\xd8", (0.5, 0.25)) if after_ns < 8 else None
 
     async def stop(self):
         self.stops += 1
@@ -103,6 +107,17 @@ async def test_two_clients_see_the_same_and_one_may_leave(client):
                 pass
         await one.close()
         assert await two.receive_json() == {"s": 1.0}
+
+
+async def test_a_shared_picture_comes_once_with_what_is_drawn_over_it(client):
+    async with Server(here(), live=Shown()).serving() as url:
+        for asked, status in (("0", 200), ("7", 200), ("8", 204), ("-1", 200), ("x", 200), ("9" * 30, 200)):
+            async with client.get(f"{url}picture?after={asked}") as answer:
+                assert answer.status == status
+                if status == 200:
+                    assert (answer.content_type, await answer.read()) == ("image/jpeg", b"\xff\xd8")
+                    seen = {"number": "8", "width": 64, "height": 36, "gaze": [0.5, 0.25], "hands": []}
+                    assert json.loads(answer.headers["X-Overlay"]) == seen
 
 
 async def test_a_recording_has_moments_and_no_socket(client):

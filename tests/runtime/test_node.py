@@ -269,10 +269,9 @@ def test_the_heartbeat_tells_which_sensor_fails_and_the_command_that_nothing_may
     for _ in range(20):
         world.now_ms += 40
         now_ns = world.now_ms * MS
-        values = np.full(D, 0.5, np.float32)
-        vector = FeatureVector(now_ns - 10 * MS, now_ns - 10 * MS, values, (True, True, True))
-        camera = SensorSeen("camera", True, now_ns, now_ns, 120 * MS, 150 * MS)
-        frames = world.node.tick(vector, (camera, SensorSeen("gaze", False, now_ns, None, 120 * MS)), now_ns).frames
+        vector = FeatureVector(now_ns, now_ns, np.full(D, 0.5, np.float32), (True, True, True))
+        sensors = [SensorSeen(name, name != "gaze", now_ns, now_ns, 120 * MS) for name in ("camera", "gaze")]
+        frames = world.node.tick(vector, tuple(sensors), now_ns).frames
         act_cmd = Codec().decode(frames[0])
         assert isinstance(act_cmd, Decoded)
         told += [(frame.data[3] & 7, act_cmd.signals["SensingAge"]) for frame in frames if frame.can_id == 0x120]

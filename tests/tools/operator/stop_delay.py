@@ -1,4 +1,4 @@
-"""How long from a press of the page's STOP to STOP on the bus: `python -m tests.tools.stop_delay --clicks 100`.
+"""How long from a press of the page's STOP to STOP on the bus: `python -m tests.tools.operator.stop_delay --clicks 100`.
 
 A real demo runs on the bus meanwhile: wearer, bridge, device. Chromium presses the button. The way begins at the browser's
 own stamp of the press and ends at the bus's stamp of the frame. It is told in two parts, parted where the page's script hears
@@ -96,7 +96,7 @@ def measure(clicks: int, loaded: int) -> dict[str, Any]:
 
 def main() -> int:
     """Print the figures; exit code 1 where more than one of a hundred came late."""
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.stop_delay", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.tools.operator.stop_delay", description=__doc__)
     parser.add_argument("--clicks", type=int, default=100)
     parser.add_argument("--loaded", type=int, default=0, metavar="N", help="so many processes compute meanwhile")
     options = parser.parse_args()

@@ -1,4 +1,4 @@
-"""What `hilbridge --help` and each command's help cost: `python -m tests.tools.help_cost`.
+"""What `hilbridge --help` and each command's help cost: `python -m tests.tools.operator.help_cost`.
 
 Seconds from start to end, and of the processor. The least of the repeats counts, since this machine may have other work.
 """
@@ -31,7 +31,7 @@ def once(words: list[str]) -> tuple[float, float]:
 
 def main() -> int:
     """Print the figures; exit code 1 where the first is not what it has to be."""
-    parser = argparse.ArgumentParser(prog="python -m tests.tools.help_cost", description=__doc__)
+    parser = argparse.ArgumentParser(prog="python -m tests.tools.operator.help_cost", description=__doc__)
     parser.add_argument("--repeats", type=int, default=10)
     parser.add_argument("--all", action="store_true", help="every command's help, too")
     options = parser.parse_args()
