@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import signal
 import statistics
 import subprocess
 import sys
@@ -15,6 +16,7 @@ import pytest
 
 from hilbridge.monitor.words import SENSORS
 from tests.system.operator.rig import CHROMIUM, Ear, chromium, monitor, page_zero_ns, write_token
+from tests.tools.recording_cost import make_inputs
 
 pytest.importorskip("playwright.sync_api", reason="playwright is not installed: no browser test")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine: the page is not tried")
@@ -147,3 +149,30 @@ def test_a_recording_has_a_slider_and_no_stop(browser: Any, tmp_path: Path) -> N
         assert page.locator("#verbs tr").count() == 5
         assert violations(page) == []
         page.screenshot(path=tmp_path / "recording-1280.png", full_page=True)
+
+
+def test_a_shared_picture_is_shown_with_gaze_and_goes_with_the_bridge(
+    browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine").mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "mine"))
+    bus, film = f"hilsim:seen-{tmp_path.name}", make_inputs(tmp_path)
+    command = [sys.executable, "-m", "hilbridge", "run", "--camera", str(film), "--gaze", str(tmp_path / "gaze.csv")]
+    command += ["--loop", "--no-hands", "--bus", bus, "--out", str(tmp_path / "run"), "--share-pictures"]
+    with monitor("--bus", bus) as (url, _):
+        page = browser.new_page(viewport={"width": 1280, "height": 900}, bypass_csp=True)
+        page.goto(url)
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as running:
+            page.wait_for_selector("#picture-part", timeout=60_000)
+            page.wait_for_selector("#overlay .gaze")
+            assert page.get_attribute("#overlay", "aria-label") == "Gaze and 0 hands in the picture"
+            assert page.evaluate("document.getElementById('picture').naturalWidth") == 640
+            assert violations(page) == []
+            page.screenshot(path=tmp_path / "picture-1280.png", full_page=True)
+            page.set_viewport_size({"width": 800, "height": 1100})
+            page.screenshot(path=tmp_path / "picture-800.png", full_page=True)
+            running.send_signal(signal.SIGINT)
+            _, told = running.communicate(timeout=60)
+        assert "whoever is in them should know" in told
+        page.wait_for_selector("#picture-part", state="hidden")
+        assert list((tmp_path / "mine" / "hilbridge").iterdir()) == []
