@@ -64,8 +64,8 @@ class Recorded(Protocol):
     def view(self, at_s: float) -> dict[str, Any]:
         """The view of a moment."""
 
-    def picture(self, at_s: float) -> bytes | None:
-        """The picture of a moment."""
+    def picture(self, at_s: float) -> SharedPicture | None:
+        """The picture of a moment, and what was seen in it."""
 
 
 @dataclass(slots=True)
@@ -152,19 +152,13 @@ class Server:
         at_s = at_s if at_s == at_s else 0.0  # not a number
         if name == "view":
             return web.json_response(await asyncio.to_thread(recorded.view, at_s), headers=_HEADERS)
-        picture = await asyncio.to_thread(recorded.picture, at_s)
-        if picture is None:
-            return web.Response(status=204, headers=_HEADERS)
-        return web.Response(body=picture, content_type="image/jpeg", headers=_HEADERS)
+        return _picture(await asyncio.to_thread(recorded.picture, at_s))
 
     async def _shared(self, request: web.Request, live: Live) -> web.StreamResponse:
-        """The bridge's picture, and in a header what is drawn over it; 204 where there is none that the page has not got."""
+        """The bridge's picture, if it is one that the page has not got."""
         after = request.query.get("after", "0")
         picture = await asyncio.to_thread(live.picture, int(after) if after.isdecimal() and len(after) < 20 else 0)
-        if picture is None:
-            return web.Response(status=204, headers=_HEADERS)
-        overlay = json.dumps({"number": str(picture.shared_ns), **picture.overlay})
-        return web.Response(body=picture.jpeg, content_type="image/jpeg", headers={**_HEADERS, "X-Overlay": overlay})
+        return _picture(picture)
 
     async def _socket(self, request: web.Request, live: Live) -> web.StreamResponse:
         if len(self._clients) >= _MOST_CLIENTS:
@@ -211,3 +205,11 @@ class Server:
                 self._newest = _Newest(self._newest.number + 1, json.dumps(view) if self._clients else "{}")
                 self._arrived.notify_all()
             await asyncio.sleep(LEAST_GAP_S)
+
+
+def _picture(picture: SharedPicture | None) -> web.Response:
+    """A JPEG, and in a header what the page draws over it; 204 where there is none."""
+    if picture is None:
+        return web.Response(status=204, headers=_HEADERS)
+    overlay = json.dumps({"number": str(picture.shared_ns), **picture.overlay})
+    return web.Response(body=picture.jpeg, content_type="image/jpeg", headers={**_HEADERS, "X-Overlay": overlay})

@@ -168,7 +168,8 @@ class Watch:
                 self._lost_ns.pop(name, None)
             else:
                 self._lost_ns.setdefault(name, self._heard.at_ns["BRIDGE_HB"])
-            self._changed(name, "" if sensor is not False else f"{name} is not used", now_ns, f"{name} is used again")
+            named = f"{name} {'are' if name == 'hands' else 'is'}"
+            self._changed(name, "" if sensor is not False else f"{named} not used", now_ns, f"{named} used again")
 
     def _changed(self, what: str, said: str, now_ns: int, back: str, text: str = "") -> None:
         before = self._said.get(what)

@@ -39,7 +39,7 @@ class Moments:
         return {"s": at_s}
 
     def picture(self, at_s):
-        return b"\xff\xd8" if at_s > 1 else None
+        return SharedPicture(8, 64, 36, b"\xff\xd8") if at_s > 1 else None
 
 
 def here() -> Access:

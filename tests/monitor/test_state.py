@@ -39,8 +39,8 @@ def test_a_dropout_is_the_reason_from_the_first_heartbeat_that_tells_it(bus, mas
     bus.sensors = 0b111
     assert bus.run(80)["sensors"]["valid"][name] is True
     assert [text for _, text in bus.watch.view(bus.now_ns)["events"]][:2] == [
-        f"{name} is used again",
-        f"{name} is not used",
+        f"{name} {'are' if name == 'hands' else 'is'} used again",
+        f"{name} {'are' if name == 'hands' else 'is'} not used",
     ]
 
 

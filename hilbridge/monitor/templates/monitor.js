@@ -45,7 +45,7 @@ function showChart(confidence) {
     if (tau === null) continue;
     $(id).setAttribute("y1", y(tau)); $(id).setAttribute("y2", y(tau));
     $(id + "-text").setAttribute("y", id === "on" ? y(tau) - 4 : Number(y(tau)) + 15);
-    $(id + "-text").textContent = word + (100 * tau).toFixed(0) + " %";
+    $(id + "-text").textContent = word + Number((100 * tau).toPrecision(3)) + " %";
   }
   set("confidence-now", confidence.now === null ? "not known" : (100 * confidence.now).toFixed(0) + " %");
   set("thresholds", confidence.tau_on === null
@@ -145,7 +145,7 @@ function showPicture(blob, seen) {
   const picture = $("picture"), old = picture.src;
   picture.src = URL.createObjectURL(blob);
   if (old.startsWith("blob:")) URL.revokeObjectURL(old);
-  if (seen) drawOver(seen);
+  drawOver(seen);
 }
 
 async function followPictures() {
@@ -210,7 +210,7 @@ async function moment(s) {
       const [view, picture] = await Promise.all([fetch("view?s=" + at), fetch("picture?s=" + at)]);
       show(await view.json());
       $("picture-part").hidden = picture.status !== 200;
-      if (picture.status === 200) showPicture(await picture.blob(), null);
+      if (picture.status === 200) showPicture(await picture.blob(), JSON.parse(picture.headers.get("X-Overlay")));
     }
   } catch { lost("The monitor does not answer."); } finally { asking = false; }
 }

@@ -23,7 +23,7 @@ import platformdirs
 from hilbridge.errors import InputError
 from hilbridge.files import write_whole
 from hilbridge.limits import MS
-from hilbridge.rows import ImageRow, Look
+from hilbridge.rows import GazeRow, HandsRow, ImageRow, Look
 
 SHARED_GAP_NS = 100 * MS  # ten a second
 STALE_PICTURE_NS = 1_000 * MS  # older ones are not shown
@@ -65,6 +65,22 @@ def picture_of(row: ImageRow, look: Look) -> SharedPicture:
         row.data,
         (round(gaze.x, 4), round(gaze.y, 4)) if gaze is not None and gaze.valid else None,
         tuple(_points(hand.x, hand.y, hand.landmarks) for hand in hands),
+    )
+
+
+def picture_of_rows(image: ImageRow, gaze: GazeRow | None, hands: HandsRow | None) -> SharedPicture:
+    """The same of a recording."""
+    looked = None
+    if gaze is not None and gaze.valid and gaze.x is not None and gaze.y is not None:
+        looked = (gaze.x, gaze.y)
+    found = () if hands is None else hands.hands
+    return SharedPicture(
+        image.time_ns,
+        image.width_px,
+        image.height_px,
+        image.data,
+        looked,
+        tuple(_points(one.x, one.y, one.landmarks) for one in found if one.x is not None and one.y is not None),
     )
 
 

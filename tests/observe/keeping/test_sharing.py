@@ -24,11 +24,12 @@ from hilbridge.observe.keeping.sharing import (
     newest_picture,
     packed,
     picture_of,
+    picture_of_rows,
     shared_path,
     unpacked,
 )
 from hilbridge.records import CameraFrame, FeatureVector, GazeSample, Hand, HandTracks
-from hilbridge.rows import ImageRow, Look
+from hilbridge.rows import ImageRow, Look, gaze_row, hands_row
 
 LANDMARKS = (0.1, 0.2, -0.5, 0.3, 0.4, -0.5)
 share = st.floats(-1, 2, allow_nan=False).map(lambda value: round(value, 4))
@@ -70,6 +71,15 @@ def test_gaze_that_is_not_valid_is_not_shown_and_landmarks_have_no_depth() -> No
     assert picture_of(*look_at(7, gaze=False)).gaze is None
     row, look = look_at(7)
     assert picture_of(row, replace(look, gaze=None, hands=None)).overlay["hands"] == ()
+
+
+def test_a_recording_gives_the_same_picture() -> None:
+    row, look = look_at(7)
+    assert look.gaze is not None
+    assert look.hands is not None
+    gaze, hands = gaze_row(look.gaze, 7), hands_row(look.hands, 7)
+    assert picture_of_rows(row, gaze, hands) == picture_of(row, look)
+    assert picture_of_rows(row, None, None).overlay == {"width": 64, "height": 36, "gaze": None, "hands": ()}
 
 
 def test_ten_a_second_at_most_and_nothing_is_left(tmp_path: Path) -> None:

@@ -146,6 +146,8 @@ def test_a_recording_has_a_slider_and_no_stop(browser: Any, tmp_path: Path) -> N
         page.fill("#at", "4")
         page.wait_for_selector("#sensors dd:text-is('✓ well')")
         assert page.is_hidden("#stop")
+        page.wait_for_selector("#overlay .gaze")
+        assert page.locator("#overlay .hand").count() == 2
         assert page.locator("#verbs tr").count() == 5
         assert violations(page) == []
         page.screenshot(path=tmp_path / "recording-1280.png", full_page=True)
