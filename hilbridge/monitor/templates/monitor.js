@@ -141,10 +141,12 @@ function drawOver(seen) {
   svg.replaceChildren(...nodes);
 }
 
-function showPicture(blob, seen) {
-  const picture = $("picture"), old = picture.src;
-  picture.src = URL.createObjectURL(blob);
-  if (old.startsWith("blob:")) URL.revokeObjectURL(old);
+// On a canvas: browsers keep decoded pictures of an <img> for long, and twenty a second fill memory.
+async function showPicture(blob, seen) {
+  const bitmap = await createImageBitmap(blob), picture = $("picture");
+  if (picture.width !== bitmap.width || picture.height !== bitmap.height) { picture.width = bitmap.width; picture.height = bitmap.height; }
+  picture.getContext("2d").drawImage(bitmap, 0, 0);
+  bitmap.close();
   drawOver(seen);
 }
 
@@ -158,7 +160,7 @@ async function followPictures() {
         if (answer.status === 200) {
           const seen = JSON.parse(answer.headers.get("X-Overlay"));
           number = seen.number; pictureAt = began;
-          showPicture(await answer.blob(), seen);
+          await showPicture(await answer.blob(), seen);
         }
       }
     } catch { /* the state above says that there is no connection */ }
@@ -210,7 +212,7 @@ async function moment(s) {
       const [view, picture] = await Promise.all([fetch("view?s=" + at), fetch("picture?s=" + at)]);
       show(await view.json());
       $("picture-part").hidden = picture.status !== 200;
-      if (picture.status === 200) showPicture(await picture.blob(), JSON.parse(picture.headers.get("X-Overlay")));
+      if (picture.status === 200) await showPicture(await picture.blob(), JSON.parse(picture.headers.get("X-Overlay")));
     }
   } catch { lost("The monitor does not answer."); } finally { asking = false; }
 }
