@@ -31,6 +31,7 @@ WINDOW_NS = 30_000 * MS  # of confidence and verbs
 DEVICE_SILENT_NS = 120 * MS  # twice what the bridge allows a CTRL_STATUS: a page must not flicker
 BRIDGE_SILENT_NS = 250 * MS  # what the device allows a heartbeat
 _LOAD_NS = 1_000 * MS
+_BLINK_NS = 400 * MS
 _MOST_EVENTS = 100
 _TRACE_STEP_NS = 90 * MS
 _TOP = 5
@@ -164,12 +165,18 @@ class Watch:
         word = " ".join(filter(None, (state["word"], state["verb"])))
         self._changed("state", word, now_ns, "", f"{word}: {state['reason']}")
         for name, sensor in self._sensors(now_ns).items():
-            if sensor is not False:
-                self._lost_ns.pop(name, None)
-            else:
-                self._lost_ns.setdefault(name, self._heard.at_ns["BRIDGE_HB"])
-            named = f"{name} {'are' if name == 'hands' else 'is'}"
-            self._changed(name, "" if sensor is not False else f"{named} not used", now_ns, f"{named} used again")
+            self._follow_sensor(name, sensor, now_ns)
+
+    def _follow_sensor(self, name: str, there: bool | None, now_ns: int) -> None:
+        """Since when the bridge does without it. The log leaves out what is as short as a blink."""
+        if there is not False:
+            self._lost_ns.pop(name, None)
+        lost_ns = None if there is not False else self._lost_ns.setdefault(name, self._heard.at_ns["BRIDGE_HB"])
+        named = f"{name} {'are' if name == 'hands' else 'is'}"
+        if lost_ns is None:
+            self._changed(name, "", now_ns, f"{named} used again")
+        elif now_ns - lost_ns >= _BLINK_NS:
+            self._changed(name, f"{named} not used", lost_ns, "")
 
     def _changed(self, what: str, said: str, now_ns: int, back: str, text: str = "") -> None:
         before = self._said.get(what)

@@ -44,6 +44,14 @@ def test_a_dropout_is_the_reason_from_the_first_heartbeat_that_tells_it(bus, mas
     ]
 
 
+def test_a_blink_is_no_event(bus):
+    bus.run(400)
+    bus.sensors = 0b110
+    assert bus.run(240)["state"]["reason"] == SENSORS["gaze"].text
+    bus.sensors = 0b111
+    assert bus.run(400)["events"] == []
+
+
 def test_a_bridge_that_does_without_all_is_said_to_lack_sensing(bus):
     bus.run(400)
     bus.sensors = 0
