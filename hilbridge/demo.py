@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Any
 
 from hilbridge.bus.port.spec import parse_spec
-from hilbridge.config import BusConfig, Config
+from hilbridge.config import BusConfig, Config, ModelConfig
 from hilbridge.errors import InputError
 from hilbridge.run import Outcome, RunOptions, Watcher, run_bridge
 from hilbridge.runtime.account.judge import judge_by
@@ -33,13 +33,15 @@ _LAST_FRAMES_S = 0.1  # for what is still on the wire when the bridge has stoppe
 
 @dataclass(frozen=True, slots=True)
 class DemoOptions:
-    """seconds: length. seed: which person and session. tremor_hz: 0 for none. out: folder for what it leaves behind."""
+    """seconds: length. seed: which person and session. tremor_hz: 0 for none. out: folder for what it leaves behind.
+    bundle: None for the one that ships."""
 
     seconds: float
     out: Path
     bus: str = "auto"
     seed: int = DEMO_SEED
     tremor_hz: float = 0.0
+    bundle: Path | None = None
 
 
 class DeviceProcess:
@@ -103,7 +105,8 @@ def run_demo(options: DemoOptions, watcher: Watcher) -> Outcome:
     name = f"hilsim:demo-{os.getpid()}" if bus.interface == "hilsim" and options.bus == "auto" else str(bus)
     if bus.interface == "virtual":
         raise InputError(f"bus {name}: reaches no other process, and the device is one; use hilsim:NAME")
-    config = Config(bus=BusConfig(spec=name))
+    model = ModelConfig(bundle=None if options.bundle is None else str(options.bundle))
+    config = Config(bus=BusConfig(spec=name), model=model)
     parts = read_parts(config)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
