@@ -35,7 +35,7 @@ from hilbridge.verbs import Vocabulary
 from hilbridge.wearer.person import Wearer
 from hilbridge.wearer.timeline import DEMO
 from hilbridge.wire.keys import DEMO_KEY
-from tests.people.test_chain import LEARNS
+from tests.people.before_a_camera import LEARNS
 
 NAMES = ("Take", "Put", "Stir", "Hold Cup", "other")
 FILE = "verb,assisted\ntake,yes\nPut,yes\nStir,yes\nHold Cup,no\nother,yes\n"
