@@ -14,15 +14,11 @@ from hilbridge.errors import InputError
 from hilbridge.intent.bundle import load_bundle
 from hilbridge.intent.provenance import Origin, refusal
 from hilbridge.learning.certificate.certify_bundle import CertifyConfig
-from hilbridge.learning.training.recipes import Recipe
-from hilbridge.observe.reading import read_recording
-from hilbridge.observe.recording import AddsNothing, Recording
 from hilbridge.people.adapt import adapt
 from hilbridge.people.certify import certify_on_people
 from hilbridge.people.load import load_people
 from hilbridge.people.simulate import simulate
 from hilbridge.people.train import PeopleConfig, train_on_people
-from hilbridge.rows import LabelRow, MetaRow
 from hilbridge.wearer.timeline import DEMO
 from tests.people.before_a_camera import SECONDS, TINY, bundle_of_one_wearer, of_camera
 
