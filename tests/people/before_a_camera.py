@@ -11,6 +11,8 @@ from pathlib import Path
 import cv2
 
 from hilbridge.features.layout import RATE_HZ, STEP_NS
+from hilbridge.intent.bundle import Thresholds, demo_bundle_path, load_bundle, save_bundle
+from hilbridge.intent.provenance import Origin, Promise, Provenance, digest_of
 from hilbridge.learning.certificate.certify_bundle import CertifyConfig
 from hilbridge.learning.training.recipes import Recipe
 from hilbridge.observe.reading import read_recording
@@ -57,6 +59,16 @@ def bundle_of_one_wearer(root: Path, first_seed: int = 42_000) -> tuple[PeopleCo
     assert certified.written is not None, certified.lines()
     adapt(certified.written, (one,), root / "mine")
     return config, certified.written, root / "mine"
+
+
+def as_of_people(path: Path) -> Path:
+    """The shipped bundle, saying what one of twelve recorded people would, at a threshold that it reaches without hands."""
+    bundle = load_bundle(demo_bundle_path())
+    who, data = tuple(digest_of(f"P-{place}") for place in range(12)), {"made up": "0" * 64}
+    promise = Promise(0.3, 0.2, 0.3, "betting", "average person", 8, Origin.RECORDED, data)
+    adapted = {"adapted_to_one_wearer": {"files": 1}}
+    record = Provenance(Origin.RECORDED, 12, 12.0, {}, who, data, adapted, {}, promise)
+    return save_bundle(replace(bundle, thresholds=Thresholds(0.3, 0.25), provenance=record), path)
 
 
 def filmed(folder: Path, seed: int, seconds: float) -> tuple[Path, Path]:

@@ -1,6 +1,6 @@
 """`hilbridge run --arm` with a bundle, on a simulated wearer's video and gaze, against a device in a process of its own.
 
-    python -m tests.tools.run_armed BUNDLE DIR [--bus hilsim:people] [--seconds 30] [--seed 32000]
+    python -m tests.people.run_armed BUNDLE DIR [--bus hilsim:people] [--seconds 30] [--seed 32000]
 
 The last step of the way from recordings to the bus (docs/learning.md); the bundle keeps whatever provenance it has.
 """
