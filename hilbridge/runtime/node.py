@@ -17,8 +17,7 @@ from hilbridge.records import Action, FeatureVector, Frame, GateDecision, Intent
 from hilbridge.rows import TickRow
 from hilbridge.runtime.account.spells import Spell
 from hilbridge.runtime.deciding import Decider, GuardsAgainstTremor, Predicts, Told, as_sent
-from hilbridge.runtime.health import SensorSeen, first_problem
-from hilbridge.verbs import VERBS
+from hilbridge.runtime.health import SensorSeen, first_problem, still_seen
 from hilbridge.wire.codec import Decoded, RejectReason
 from hilbridge.wire.link import WireLink
 
@@ -119,7 +118,10 @@ class BridgeNode:
             said = "tremor in the hands" if trembling else "no tremor in the hands"
             self._say("tremor", trembling, now_ns, said)
         # Sensing that cannot be believed has no age: the device is told so, and falls back to following by itself.
-        frames = bridge.tick(wish, decider.oldest_input_ns, decider.valid, self._bundle_id, now_ns)
+        valid = decider.valid
+        if problem is not None and decider.vector is not None:  # who looks on is told which sensor it is
+            valid = still_seen(decider.vector.valid, sensors, now_ns)
+        frames = bridge.tick(wish, decider.oldest_input_ns, valid, self._bundle_id, now_ns)
         sent = as_sent(wish, bridge.command)
         session = bridge.session
         self._say("armed", (session.armed, session.refused, session.disturbed), now_ns, _arming(session))
@@ -139,17 +141,18 @@ class BridgeNode:
     def _row(self, decision: GateDecision, told: Told) -> TickRow:
         decider, device, now_ns = self.decider, self.bridge.device, told.now_ns
         estimate, newest = decider.estimate, decider.vector
+        verbs = decider.gate_config.vocabulary
         gaze, hands, scene = (False, False, False) if newest is None else newest.valid
         return TickRow(
             now_ns,
             decision.action,
             decision.reason,
             decision.confidence,
-            None if decision.verb_index is None else VERBS[decision.verb_index],
+            verbs.name(decision.verb_index),
             tau_on=decider.gate_config.tau_on,
             tau_off=decider.gate_config.tau_off,
             act=float(decision.action is Action.ACT),
-            top_verb=None if estimate is None else VERBS[estimate.verb_index],
+            top_verb=None if estimate is None else verbs.name(estimate.verb_index),
             top_confidence=None if estimate is None else estimate.confidence,
             gaze_valid=gaze,
             hands_valid=hands,
