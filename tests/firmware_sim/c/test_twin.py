@@ -19,7 +19,7 @@ from firmware_sim.watchdogs import Limits
 from tests.safety.hand import BOOT_NONCE, KEY, Hand
 from tests.safety.stepping import copied
 from tests.safety.table import Scale, printed
-from tests.safety.tools import twin
+from tests.safety.tools.c import twin
 
 pytestmark = pytest.mark.skipif(not binding.available(), reason="the C controller is not built")
 
@@ -136,6 +136,21 @@ def test_moments_that_no_sequence_comes_to() -> None:
     assert both(
         replace(ready, previous_mdeg=90_000), Inputs(angle_mdeg=90_000, second_angle_mdeg=90_000), now_ms
     ).follow_unm
+
+
+def test_the_last_micronewtonmetre_of_a_ramp() -> None:
+    """Assist of 1 uN m on either side is still on its way, 0 is not."""
+    hand = Hand().to_assist()
+    hand.tick(hand.hold())
+    assert hand.state.state is State.RAMP_DOWN
+    for before in (-1, 0, 1):
+        for guide, damping in ((0, 1_000), (0, -1_000), (1_500, 0), (-1_500, 0)):
+            state = copied(hand.state)
+            law = state.torque
+            law.assist_unm, law.guide_from_unm, law.damping_from_unm = before, guide, damping
+            law.damping_unm = (damping > 0) - (damping < 0)
+            for speed in (-500, 500):
+                both(state, replace(hand.inputs, velocity_mdeg_s=speed), hand.now_ms + 1)
 
 
 def test_a_session_that_begins_while_assisting_changes_nothing() -> None:
