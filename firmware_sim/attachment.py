@@ -9,9 +9,8 @@ import time
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import can
-
 from firmware_sim.memory import Received
+from firmware_sim.quick_can import can
 
 VIRTUAL_INTERFACES = frozenset({"hilsim", "virtual"})
 _GIVES_BACK = ("udp_multicast",)

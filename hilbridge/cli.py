@@ -60,7 +60,10 @@ def demo(
     seed: Annotated[int, typer.Option(min=0, help="which simulated person and session")] = 3,
     tremor_hz: Annotated[float, typer.Option(min=0.0, max=15.0, help="give the wearer a tremor of so many Hz")] = 0.0,
     bundle: BundleFile = None,
-    open_page: Annotated[bool, typer.Option("--open", help="open the report in a browser at the end")] = False,
+    open_page: Annotated[
+        bool,
+        typer.Option("--open", help="open the live page (extra `monitor`) in a browser, and the report at the end"),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Run the main job: a simulated wearer, the bridge, CAN, and a simulated device in another process."""
@@ -69,7 +72,7 @@ def demo(
     from hilbridge.terminal import live_line
 
     with run_folder("demo", out, force=force) as folder, live_line(seconds, quiet=as_json) as progress:
-        outcome = run_demo(DemoOptions(seconds, folder, bus, seed, tremor_hz, bundle), progress)
+        outcome = run_demo(DemoOptions(seconds, folder, bus, seed, tremor_hz, bundle, open_page), progress)
     print_or_json(outcome, as_json)
     if open_page:
         open_in_browser(outcome.report.resolve().as_uri())

@@ -150,6 +150,7 @@ def monitor(
 ) -> None:
     """Show bridge and device on a page (extra `monitor`), from the bus or a recording. It can send STOP, nothing else."""
     import asyncio
+    import threading
 
     from hilbridge.cli_shared import open_in_browser
     from hilbridge.intent.bundle import demo_bundle_path
@@ -161,8 +162,8 @@ def monitor(
     def ready(url: str) -> None:
         typer.echo(f"monitor at {url} (Ctrl-C ends)")
         sys.stdout.flush()
-        if open_page:
-            open_in_browser(url)
+        if open_page:  # in a thread: some browsers are waited for, and the page must be served meanwhile
+            threading.Thread(target=open_in_browser, args=(url,), daemon=True).start()
 
     if recording is not None:
         asyncio.run(watch_recording(recording, access, ready))

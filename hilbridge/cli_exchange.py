@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import asyncio
 import json
 from pathlib import Path
 from typing import Annotated, Any
@@ -116,6 +115,8 @@ def play(
     as_json: Json = False,
 ) -> None:
     """Put recorded CAN frames on a bus, on time. Commands to a device never go on a physical one."""
+    import asyncio
+
     from hilbridge.exchange.play import play as play_frames
 
     played = asyncio.run(play_frames(recording, bus, speed, only_rx=only_rx, dbc=dbc))

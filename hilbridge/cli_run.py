@@ -42,6 +42,9 @@ RotateMinutes = Annotated[float | None, typer.Option(help="... or after so many 
 Retain = Annotated[
     float | None, typer.Option(metavar="DAYS", help="remove recordings beside this run's that are older")
 ]
+SharePictures = Annotated[
+    Flag, typer.Option("--share-pictures", help="show the camera to monitors of this user; default: no")
+]
 Participant = Annotated[str | None, typer.Option(help="the wearer's pseudonym, such as P-07")]
 BlurFaces = Annotated[Flag, typer.Option("--blur-faces", help="blur faces in recorded pictures (extra privacy)")]
 Mark = Annotated[
@@ -86,6 +89,7 @@ def run(
     retain: Retain = None,
     participant: Participant = None,
     blur_faces: BlurFaces = None,
+    share_pictures: SharePictures = None,
     mark: Mark = None,
     mark_lsl: MarkLsl = None,
     clear_latch: ClearLatch = False,
@@ -107,6 +111,7 @@ def run(
         "model": {"bundle": _text(bundle)},
         "recording": {"video": video, "rotate_mb": rotate_mb, "rotate_minutes": rotate_minutes, "retain_days": retain}
         | {"participant": participant, "blur_faces": blur_faces},
+        "monitor": {"share_pictures": share_pictures},
     }
     marks = MarkOptions(keys_of(mark or []), mark_lsl)
     asked = RunOptions("", seconds, clear_latch=clear_latch, profile=profile, marks=marks)

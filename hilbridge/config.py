@@ -169,6 +169,14 @@ class RecordingConfig(_Part):
     )
 
 
+class MonitorConfig(_Part):
+    """What a monitor on this computer is shown beside the bus."""
+
+    share_pictures: bool = Field(
+        False, description="show the head camera's picture with gaze and hands to monitors of the same user"
+    )
+
+
 class Config(_Part):
     """Everything the bridge can be told."""
 
@@ -177,6 +185,7 @@ class Config(_Part):
     gate: GateSection = GateSection()
     bus: BusConfig = BusConfig()
     recording: RecordingConfig = RecordingConfig()
+    monitor: MonitorConfig = MonitorConfig()
 
 
 def load_config(path: Path | None, overrides: dict[str, dict[str, object]] | None = None) -> Config:

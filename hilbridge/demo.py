@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import importlib.util
 import json
 import os
 import queue
@@ -10,14 +11,16 @@ import subprocess
 import sys
 import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from hilbridge.bus.port.spec import parse_spec
-from hilbridge.config import BusConfig, Config, ModelConfig
+from hilbridge.config import BusConfig, Config, ModelConfig, MonitorConfig
 from hilbridge.errors import InputError
+from hilbridge.lease import leased
 from hilbridge.run import Outcome, RunOptions, Watcher, run_bridge
 from hilbridge.runtime.account.judge import judge_by
 from hilbridge.runtime.assemble import read_parts
@@ -28,13 +31,18 @@ from hilbridge.wearer.shaking import Tremor
 
 DEMO_SEED = 3  # a person the shipped bundle was not trained on
 _DEVICE_START_S = 30.0
-_LAST_FRAMES_S = 0.1  # for what is still on the wire when the bridge has stopped
+_LAST_FRAMES_S = (
+    0.3  # for what is still on the wire when the bridge has stopped, and until the device follows by itself
+)
 
 
 @dataclass(frozen=True, slots=True)
 class DemoOptions:
     """seconds: length. seed: which person and session. tremor_hz: 0 for none. out: folder for what it leaves behind.
-    bundle: None for the one that ships."""
+
+    bundle: None for the one that ships. open_page: show the operator's page in a browser meanwhile, where the extra
+    `monitor` is installed.
+    """
 
     seconds: float
     out: Path
@@ -42,6 +50,7 @@ class DemoOptions:
     seed: int = DEMO_SEED
     tremor_hz: float = 0.0
     bundle: Path | None = None
+    open_page: bool = False
 
 
 class DeviceProcess:
@@ -55,8 +64,14 @@ class DeviceProcess:
         self.failure = ""  # its last word, where it ended before it was asked to
         self._stopped = False
         self._lines: queue.Queue[str | None] = queue.Queue()
+        # A session of its own: a Ctrl-C at the terminal is the bridge's, and the device must see the bridge stop.
         self._process = subprocess.Popen(
-            command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+            command,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+            start_new_session=True,
         )
         threading.Thread(target=self._read, daemon=True).start()
         line = self._next_line(_DEVICE_START_S)
@@ -98,6 +113,19 @@ class DeviceProcess:
             return None
 
 
+@contextmanager
+def live_page(bus: str) -> Iterator[None]:
+    """The operator's page in a browser while it lasts; a process of its own, which ends with this one."""
+    command = leased([sys.executable, "-m", "hilbridge", "monitor", "--bus", bus, "--open"])
+    # What it says, its address among it, goes to where notices go: standard output is for what the demo came to.
+    page = subprocess.Popen(command, stdout=sys.stderr)
+    try:
+        yield
+    finally:
+        page.terminate()
+        page.wait()
+
+
 def run_demo(options: DemoOptions, watcher: Watcher) -> Outcome:
     """Run it and write recording and report into `options.out`. Raises InputError when something cannot be opened."""
     bus = parse_spec(options.bus)
@@ -105,8 +133,10 @@ def run_demo(options: DemoOptions, watcher: Watcher) -> Outcome:
     name = f"hilsim:demo-{os.getpid()}" if bus.interface == "hilsim" and options.bus == "auto" else str(bus)
     if bus.interface == "virtual":
         raise InputError(f"bus {name}: reaches no other process, and the device is one; use hilsim:NAME")
+    with_page = options.open_page and importlib.util.find_spec("aiohttp") is not None
+    # The picture is drawn: nobody is in it.
     model = ModelConfig(bundle=None if options.bundle is None else str(options.bundle))
-    config = Config(bus=BusConfig(spec=name), model=model)
+    config = Config(bus=BusConfig(spec=name), model=model, monitor=MonitorConfig(share_pictures=with_page))
     parts = read_parts(config)
     try:
         options.out.mkdir(parents=True, exist_ok=True)
@@ -135,7 +165,8 @@ def run_demo(options: DemoOptions, watcher: Watcher) -> Outcome:
             judge=judge_by(make_wearer().truth, senses.epoch_ns),
             finish=finish,
         )
-        outcome = asyncio.run(run_bridge(config, parts, senses, options.out, asked, watcher))
+        with live_page(name) if with_page else nullcontext():
+            outcome = asyncio.run(run_bridge(config, parts, senses, options.out, asked, watcher))
     finally:
         device.stop()
     if device.failure:

@@ -3,8 +3,9 @@
 Linux grants it to root and to processes with an rtprio limit. The process of a simulated bus comes first, it stands for
 a wire; then the tick, then what stamps the sensors, then the pictures' long computations, then the recording. That one
 comes last, but before everything ordinary: while another program has its processor, it may hold the interpreter's lock,
-for which the tick would wait. The kernel keeps 5 % of the time for all others, so a process that runs away can still be
-stopped.
+for which the tick would wait. The operator's page, a process of its own, comes even after that: it passes a STOP on
+without waiting for what is ordinary, and is never in the bridge's way. The kernel keeps 5 % of the time for all others,
+so a process that runs away can still be stopped.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ class Level(IntEnum):
     """Real-time priorities; higher runs first."""
 
     ORDINARY = 0
+    PAGE = 1
     RECORDING = 2
     VISION = 5
     SENSORS = 10

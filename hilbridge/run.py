@@ -10,6 +10,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import asdict, dataclass, field
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -19,12 +20,14 @@ from hilbridge.labels.live import MarkOptions, marking
 from hilbridge.observe.keeping.background import BackgroundRecording
 from hilbridge.observe.keeping.pictures import PictureFormat, Pictures
 from hilbridge.observe.keeping.retention import remove_old
+from hilbridge.observe.keeping.sharing import Sharing, shared_path
 from hilbridge.observe.parts import Rotation
 from hilbridge.observe.report import write_report
 from hilbridge.observe.signals import SignalRows
 from hilbridge.observe.summary import Summary
 from hilbridge.priority import use_realtime_scheduling
-from hilbridge.rows import CountersRow, EventRow, TickRow
+from hilbridge.records import CameraFrame
+from hilbridge.rows import CountersRow, EventRow, Look, TickRow
 from hilbridge.runtime.account.judge import Judge
 from hilbridge.runtime.account.stages import Stage, Stages
 from hilbridge.runtime.assemble import Parts, live_bridge
@@ -127,7 +130,7 @@ async def run_bridge(
     recording.on_failure = lambda why: watcher.notice(
         f"recording {recording.path}: {why}; nothing is recorded any more"
     )
-    pictures = _pictures(config.recording, recording)
+    pictures = _pictures(config, recording)
     begin_ns = time.monotonic_ns()
     stages: Stages | None = None
 
@@ -139,15 +142,16 @@ async def run_bridge(
             for row in first_rows(config, parts, live.port, options.title, time.monotonic_ns()):
                 recording.write(row)
             if pictures is not None:
-                live.on_picture = pictures.offer
+                live.on_picture = partial(_offer, pictures)
             live.on_notice = watcher.notice
             stages = live.profile() if options.profile else None
             _obey_signals(live, recording, watcher)
             if options.clear_latch:
                 live.request_clear_latch()
             use_realtime_scheduling()
-            async with marking(options.marks, recording.write, watcher.notice):
-                await live.run(options.seconds)
+            with _sharing(config, live, pictures, watcher):
+                async with marking(options.marks, recording.write, watcher.notice):
+                    await live.run(options.seconds)
             watcher.over("over, writing the report")
             counts = {**live.counters(), **options.finish(live)}
             await asyncio.to_thread(_write_last, recording, pictures, counts)
@@ -177,9 +181,31 @@ def _rotation(config: RecordingConfig) -> Rotation:
     )
 
 
-def _pictures(config: RecordingConfig, recording: BackgroundRecording) -> Pictures | None:
-    form = PictureFormat(config.video_quality, config.video_width_px, config.blur_faces)
-    return Pictures(form, recording.write) if config.video else None
+def _pictures(config: Config, recording: BackgroundRecording) -> Pictures | None:
+    kept = config.recording
+    form = PictureFormat(kept.video_quality, kept.video_width_px, kept.blur_faces)
+    if not kept.video and not config.monitor.share_pictures:
+        return None
+    return Pictures(form, recording.write if kept.video else None)
+
+
+def _offer(pictures: Pictures, frame: CameraFrame, look: Look) -> None:
+    pictures.offer(frame, look.ready_ns, look)
+
+
+@contextmanager
+def _sharing(config: Config, live: LiveBridge, pictures: Pictures | None, watcher: Watcher) -> Iterator[None]:
+    """Share pictures with monitors inside, where that was asked for; the terminal says so."""
+    if pictures is None or not config.monitor.share_pictures:
+        yield
+        return
+    with Sharing(shared_path(str(live.port.spec))) as sharing:
+        pictures.share = sharing.offer
+        watcher.notice("pictures are shown to monitors of this user: whoever is in them should know")
+        try:
+            yield
+        finally:
+            pictures.share = None
 
 
 def _write_last(recording: BackgroundRecording, pictures: Pictures | None, counts: Mapping[str, int]) -> None:
@@ -187,6 +213,7 @@ def _write_last(recording: BackgroundRecording, pictures: Pictures | None, count
     own = {"recording.lost_rows": recording.lost_rows}
     if pictures is not None:
         pictures.close()
+    if pictures is not None and pictures.kept:
         own["recording.pictures"] = pictures.stored
         own["recording.lost_pictures"] = pictures.dropped + pictures.failed + recording.lost_pictures
     recording.write(CountersRow(time.monotonic_ns(), {**counts, **own}))

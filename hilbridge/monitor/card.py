@@ -12,7 +12,10 @@ def card_lines(
     bundle_id: int, tau_on: float, tau_off: float, provenance: Mapping[str, Any] | None, doubt: str | None
 ) -> list[tuple[str, str]]:
     """Name and value of every line."""
-    lines = [("Bundle", f"{bundle_id:04x}"), ("Thresholds", f"acts from {tau_on:.0%}, holds below {tau_off:.0%}")]
+    lines = [
+        ("Bundle", f"{bundle_id:04x}"),
+        ("Thresholds", f"acts from {100 * tau_on:.3g} %, holds below {100 * tau_off:.3g} %"),
+    ]
     if doubt is not None:
         lines.append(("Doubt", doubt))
     if provenance is None:

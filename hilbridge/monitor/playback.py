@@ -11,16 +11,31 @@ from mcap.reader import make_reader
 from hilbridge.errors import InputError
 from hilbridge.monitor.card import card_of_row
 from hilbridge.monitor.state import WINDOW_NS, Watch
+from hilbridge.observe.keeping.sharing import SharedPicture, picture_of_rows
 from hilbridge.observe.parts import recordings_in
 from hilbridge.observe.reading import read_recording
 from hilbridge.records import Frame
-from hilbridge.rows import BeliefRow, BundleRow, CanRow, Direction, EventRow, ImageRow, MetaRow, Row, TickRow, decode
+from hilbridge.rows import (
+    BeliefRow,
+    BundleRow,
+    CanRow,
+    Direction,
+    EventRow,
+    GazeRow,
+    HandsRow,
+    ImageRow,
+    MetaRow,
+    Row,
+    TickRow,
+    decode,
+)
 from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Codec
 
 _WENT_OUT = (None, "sent", "queued")
 _FIRST = (MetaRow.topic, BundleRow.topic, EventRow.topic)
 _MOVING = (CanRow.topic, TickRow.topic, BeliefRow.topic)
+_SEEN = (ImageRow.topic, GazeRow.topic, HandsRow.topic)
 _LOOK_BACK_NS = 1_000_000_000  # a picture stands until the next; older than that it is none
 
 
@@ -68,13 +83,19 @@ class Playback:
                 watch.tell(text, at_ns)
         return watch.view(until_ns)
 
-    def picture(self, at_s: float) -> bytes | None:
-        """The JPEG that was newest then; None where there is none."""
+    def picture(self, at_s: float) -> SharedPicture | None:
+        """What the camera, the eye tracker and the detector of hands saw newest then; None where there is no picture."""
         until_ns = self.begin_ns + round(min(max(at_s, 0.0), self.length_s) * 1e9)
-        newest = None
-        for row in self._rows((ImageRow.topic,), until_ns - _LOOK_BACK_NS, until_ns):
-            newest = row
-        return newest.data if isinstance(newest, ImageRow) else None
+        image, gaze, hands = None, None, None
+        for row in self._rows(_SEEN, until_ns - _LOOK_BACK_NS, until_ns):
+            match row:
+                case ImageRow():
+                    image = row
+                case GazeRow():
+                    gaze = row
+                case HandsRow():
+                    hands = row
+        return None if image is None else picture_of_rows(image, gaze, hands)
 
     def _rows(self, topics: tuple[str, ...], since_ns: int, until_ns: int) -> list[Row]:
         rows: list[Row] = []

@@ -18,6 +18,8 @@ from hilbridge.monitor.playback import Playback
 from hilbridge.monitor.server import Server
 from hilbridge.monitor.state import Thresholds, Watch
 from hilbridge.monitor.station import Station
+from hilbridge.observe.keeping.sharing import SharedPicture, newest_picture, shared_path
+from hilbridge.priority import Level, use_realtime_scheduling
 from hilbridge.wire.codec import Codec
 
 Told = Callable[[str], None]
@@ -31,6 +33,7 @@ class LiveBus:
         self._station = station
         self._bundle = bundle
         self._can_stop = can_stop
+        self._shared = shared_path(bus)
 
     def about(self) -> dict[str, Any]:
         """What does not change while the page is open."""
@@ -54,6 +57,11 @@ class LiveBus:
         )  # of another bundle they are not known here
         self._station.look()
         return watch.view(time.monotonic_ns())
+
+    def picture(self, after_ns: int) -> SharedPicture | None:
+        """What the bridge on this computer shares, if it is newer."""
+        picture = newest_picture(self._shared, time.monotonic_ns())
+        return None if picture is None or picture.shared_ns <= after_ns else picture
 
     async def stop(self) -> str:
         """STOP on the bus; why it failed, empty where it did not."""
@@ -91,6 +99,7 @@ async def watch_bus(bus: str, bundle: Path, access: Access, ready: Told, *, list
         server = Server(access, live=live)
         station.on_change = server.changed
         async with server.serving() as url:
+            use_realtime_scheduling(Level.PAGE)  # a STOP from the page must not wait for what is ordinary
             reading = asyncio.create_task(station.run())
             ready(url)
             try:

@@ -1,4 +1,5 @@
-"""The page's server: views are pushed over a WebSocket, at most ten a second; the one word it understands is STOP.
+"""The page's server: views are pushed over a WebSocket, five a second, and at once where something changed. The one word
+that it understands is STOP.
 
 A WebSocket, because a browser opens only six ordinary connections to one server: a page in a seventh tab could not stop.
 """
@@ -16,17 +17,18 @@ from typing import Any, Protocol
 
 from hilbridge.errors import InputError, needs_extra
 from hilbridge.monitor.access import Access
+from hilbridge.observe.keeping.sharing import SharedPicture
 
 with needs_extra("monitor"):
     from aiohttp import WSCloseCode, WSMsgType, web
 
 STOP = "STOP"
-LEAST_GAP_S = 0.1  # ten views a second
+LEAST_GAP_S = 0.05  # where what a person must see at once has changed
 LONGEST_GAP_S = 0.2
 _MOST_CLIENTS = 32
 _PATIENCE_S = 5.0  # for a client that does not read
 _HEADERS = {
-    "Content-Security-Policy": "default-src 'self'; img-src 'self' blob: data:; frame-ancestors 'none'; base-uri 'none'",
+    "Content-Security-Policy": "default-src 'self'; img-src 'self' data:; frame-ancestors 'none'; base-uri 'none'",
     "X-Content-Type-Options": "nosniff",
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
@@ -46,6 +48,9 @@ class Live(Protocol):
     def view(self) -> dict[str, Any]:
         """The newest view."""
 
+    def picture(self, after_ns: int) -> SharedPicture | None:
+        """The bridge's newest picture, if it shares them and this one is newer."""
+
     async def stop(self) -> str:
         """STOP on the bus; why it failed, empty where it did not."""
 
@@ -59,8 +64,8 @@ class Recorded(Protocol):
     def view(self, at_s: float) -> dict[str, Any]:
         """The view of a moment."""
 
-    def picture(self, at_s: float) -> bytes | None:
-        """The picture of a moment."""
+    def picture(self, at_s: float) -> SharedPicture | None:
+        """The picture of a moment, and what was seen in it."""
 
 
 @dataclass(slots=True)
@@ -133,6 +138,8 @@ class Server:
             return web.json_response({} if shown is None else shown.about(), headers=_HEADERS)
         if name == "live" and self._live is not None:
             return await self._socket(request, self._live)
+        if name == "picture" and self._live is not None:
+            return await self._shared(request, self._live)
         if name in ("view", "picture") and self._recorded is not None:
             return await self._moment(name, request, self._recorded)
         return web.json_response({"error": "there is nothing here"}, status=404, headers=_HEADERS)
@@ -145,15 +152,18 @@ class Server:
         at_s = at_s if at_s == at_s else 0.0  # not a number
         if name == "view":
             return web.json_response(await asyncio.to_thread(recorded.view, at_s), headers=_HEADERS)
-        picture = await asyncio.to_thread(recorded.picture, at_s)
-        if picture is None:
-            return web.Response(status=204, headers=_HEADERS)
-        return web.Response(body=picture, content_type="image/jpeg", headers=_HEADERS)
+        return _picture(await asyncio.to_thread(recorded.picture, at_s))
+
+    async def _shared(self, request: web.Request, live: Live) -> web.StreamResponse:
+        """The bridge's picture, if it is one that the page has not got."""
+        after = request.query.get("after", "0")
+        picture = await asyncio.to_thread(live.picture, int(after) if after.isdecimal() and len(after) < 20 else 0)
+        return _picture(picture)
 
     async def _socket(self, request: web.Request, live: Live) -> web.StreamResponse:
         if len(self._clients) >= _MOST_CLIENTS:
             return web.json_response({"error": f"{_MOST_CLIENTS} pages are open already"}, status=503, headers=_HEADERS)
-        socket = web.WebSocketResponse(heartbeat=10.0, max_msg_size=256)
+        socket = web.WebSocketResponse(heartbeat=10.0, max_msg_size=256, compress=False)  # a STOP waits for no packing
         await socket.prepare(request)
         self._clients.add(socket)
         pusher = asyncio.create_task(self._push(socket))
@@ -195,3 +205,11 @@ class Server:
                 self._newest = _Newest(self._newest.number + 1, json.dumps(view) if self._clients else "{}")
                 self._arrived.notify_all()
             await asyncio.sleep(LEAST_GAP_S)
+
+
+def _picture(picture: SharedPicture | None) -> web.Response:
+    """A JPEG, and in a header what the page draws over it; 204 where there is none."""
+    if picture is None:
+        return web.Response(status=204, headers=_HEADERS)
+    overlay = json.dumps({"number": str(picture.shared_ns), **picture.overlay})
+    return web.Response(body=picture.jpeg, content_type="image/jpeg", headers={**_HEADERS, "X-Overlay": overlay})

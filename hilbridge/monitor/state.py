@@ -31,6 +31,7 @@ WINDOW_NS = 30_000 * MS  # of confidence and verbs
 DEVICE_SILENT_NS = 120 * MS  # twice what the bridge allows a CTRL_STATUS: a page must not flicker
 BRIDGE_SILENT_NS = 250 * MS  # what the device allows a heartbeat
 _LOAD_NS = 1_000 * MS
+_BLINK_NS = 400 * MS
 _MOST_EVENTS = 100
 _TRACE_STEP_NS = 90 * MS
 _TOP = 5
@@ -88,6 +89,7 @@ class Watch:
         self._bits = 0
         self._events: deque[tuple[int, str]] = deque(maxlen=_MOST_EVENTS)
         self._said: dict[str, str] = {}
+        self._lost_ns: dict[str, int] = {}  # since when the bridge does without a sensor
         self._reason_text = ""
         self._tick: TickRow | None = None
         self._belief: BeliefRow | None = None
@@ -164,7 +166,18 @@ class Watch:
         word = " ".join(filter(None, (state["word"], state["verb"])))
         self._changed("state", word, now_ns, "", f"{word}: {state['reason']}")
         for name, sensor in self._sensors(now_ns).items():
-            self._changed(name, "" if sensor is not False else f"{name} is not used", now_ns, f"{name} is used again")
+            self._follow_sensor(name, sensor, now_ns)
+
+    def _follow_sensor(self, name: str, there: bool | None, now_ns: int) -> None:
+        """Since when the bridge does without it. The log leaves out what is as short as a blink."""
+        if there is not False:
+            self._lost_ns.pop(name, None)
+        lost_ns = None if there is not False else self._lost_ns.setdefault(name, self._heard.at_ns["BRIDGE_HB"])
+        named = f"{name} {'are' if name == 'hands' else 'is'}"
+        if lost_ns is None:
+            self._changed(name, "", now_ns, f"{named} used again")
+        elif now_ns - lost_ns >= _BLINK_NS:
+            self._changed(name, f"{named} not used", lost_ns, "")
 
     def _changed(self, what: str, said: str, now_ns: int, back: str, text: str = "") -> None:
         before = self._said.get(what)
@@ -201,7 +214,9 @@ class Watch:
         status = heard.signals["CTRL_STATUS"]
         word, kind = state_word(str(status["State"]))
         verb = str(status["AppliedVerb"]) if kind == Kind.ASSIST else None
-        return _told(word, kind, self._reason(kind, status, now_ns), verb)
+        said = self._reason(kind, status, now_ns)
+        lost_ns = [at_ns for name, at_ns in self._lost_ns.items() if said == SENSORS[name]]
+        return _told(word, kind, said, verb) | {"for_s": round((now_ns - lost_ns[0]) / 1e9, 1) if lost_ns else None}
 
     def _reason(self, kind: str, status: dict[str, Any], now_ns: int) -> Said:
         """The first cause that explains the state: what latched the device, else what the bridge lacks, else its own word."""
@@ -326,7 +341,7 @@ def _with_text(said: Said, text: str) -> Said:
 
 
 def _told(word: str, kind: str, said: Said, verb: str | None = None) -> dict[str, Any]:
-    return {"word": word, "kind": kind, "verb": verb, "reason": said.text, "cure": said.cure}
+    return {"word": word, "kind": kind, "verb": verb, "reason": said.text, "cure": said.cure, "for_s": None}
 
 
 def _rounded(value: Any) -> Any:

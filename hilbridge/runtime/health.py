@@ -95,3 +95,11 @@ def first_problem(sensors: tuple[SensorSeen, ...], now_ns: int) -> str | None:
         if problem is not None:
             return problem
     return None
+
+
+def still_seen(valid: tuple[bool, bool, bool], sensors: tuple[SensorSeen, ...], now_ns: int) -> tuple[bool, bool, bool]:
+    """Which modalities (gaze, hands, scene) of `valid` their sources still give, so that people see which one fails."""
+    failed = {sensor.name for sensor in sensors if sensor_problem(sensor, now_ns) is not None}
+    camera = bool(sensors) and "camera" not in failed
+    gaze, hands, scene = valid
+    return bool(sensors) and gaze and "gaze" not in failed, camera and hands and "hands" not in failed, camera and scene

@@ -67,9 +67,7 @@ class LiveBridge:
         self.tick_late_max_ms = 0.0
         self._record, self._judge, self._on_tick, self._clock_ns = record, judge, on_tick, clock_ns
         self.on_notice: Callable[[str], None] = lambda text: None
-        self.on_picture: Callable[[CameraFrame, int], None] = lambda frame, ready_ns: (
-            None
-        )  # in the vision worker's thread
+        self.on_picture: Callable[[CameraFrame, Look], None] = lambda frame, look: None  # in the vision worker's thread
         self._notices = Notices()
         self._clearing: bool | None = None  # whether a challenge to clear has been answered
         self._stopping = asyncio.Event()
@@ -198,7 +196,7 @@ class LiveBridge:
 
     def _note_look(self, frame: CameraFrame, look: Look) -> None:
         # All of one look have the time at which it was ready: a tick may have taken it meanwhile.
-        self.on_picture(frame, look.ready_ns)
+        self.on_picture(frame, look)
         if look.hands is not None:
             self._record(hands_row(look.hands, look.ready_ns))
         self._record(features_row(look))

@@ -17,7 +17,7 @@ from hilbridge.records import Action, FeatureVector, Frame, GateDecision, Intent
 from hilbridge.rows import TickRow
 from hilbridge.runtime.account.spells import Spell
 from hilbridge.runtime.deciding import Decider, GuardsAgainstTremor, Predicts, Told, as_sent
-from hilbridge.runtime.health import SensorSeen, first_problem
+from hilbridge.runtime.health import SensorSeen, first_problem, still_seen
 from hilbridge.wire.codec import Decoded, RejectReason
 from hilbridge.wire.link import WireLink
 
@@ -120,7 +120,10 @@ class BridgeNode:
         if decider.drift is not None:
             self._say("drift", decider.drift, now_ns, _drifted(decider.drift, decider.gate_config.usual))
         # Sensing that cannot be believed has no age: the device is told so, and falls back to following by itself.
-        frames = bridge.tick(wish, decider.oldest_input_ns, decider.valid, self._bundle_id, now_ns)
+        valid = decider.valid
+        if problem is not None and decider.vector is not None:  # who looks on is told which sensor it is
+            valid = still_seen(decider.vector.valid, sensors, now_ns)
+        frames = bridge.tick(wish, decider.oldest_input_ns, valid, self._bundle_id, now_ns)
         sent = as_sent(wish, bridge.command)
         session = bridge.session
         self._say("armed", (session.armed, session.refused, session.disturbed), now_ns, _arming(session))

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import shlex
+import subprocess
+import sys
 
 import pytest
 import typer
@@ -51,3 +53,15 @@ def test_every_option_says_what_it_is_for(program: str, name: str) -> None:
 def test_the_version_is_printed(program: str, capsys: pytest.CaptureFixture[str]) -> None:
     PROGRAMS[program][0](["--version"], standalone_mode=False)
     assert capsys.readouterr().out.split() == ["hilbridge", __version__]
+
+
+@pytest.mark.parametrize("words", [[], ["run"], ["monitor"], ["train"]])
+def test_help_loads_nothing_that_only_the_work_needs(words: list[str]) -> None:
+    code = (
+        f"import sys\nsys.argv = ['hilbridge', *{words!r}, '--help']\nfrom hilbridge.cli import main\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "heavy = {'asyncio', 'numpy', 'cv2', 'can', 'yaml', 'torch', 'scipy', 'aiohttp'} & set(sys.modules)\n"
+        "sys.exit(', '.join(heavy) or 0)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")

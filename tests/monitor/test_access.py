@@ -1,29 +1,7 @@
-import subprocess
-
 import pytest
 
 from hilbridge.errors import InputError
 from hilbridge.monitor.access import access_of, is_loopback
-
-
-@pytest.fixture
-def pair(tmp_path):
-    certificate, key = tmp_path / "c.pem", tmp_path / "k.pem"
-    made = ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes"]
-    made += ["-subj", "/CN=bench", "-days", "1", "-keyout", str(key), "-out", str(certificate)]
-    try:
-        subprocess.run(made, check=True, capture_output=True)
-    except FileNotFoundError:
-        pytest.skip("openssl is not installed")
-    return certificate, key
-
-
-@pytest.fixture
-def token(tmp_path):
-    path = tmp_path / "token"
-    path.write_text("a" * 32)
-    path.chmod(0o600)
-    return path
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,7 @@ def test_the_shipped_bundle_has_a_card():
         card_lines(bundle.bundle_id, 0.9, 0.85, bundle.provenance and bundle.provenance.as_json(), bundle.doubt)
     )
     assert lines["Bundle"] == f"{bundle.bundle_id:04x}"
-    assert lines["Thresholds"] == "acts from 90%, holds below 85%"
+    assert lines["Thresholds"] == "acts from 90 %, holds below 85 %"
     assert "simulated" in lines["Trained on"]
     assert lines["Certificate"] == "none"
 

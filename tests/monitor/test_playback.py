@@ -11,8 +11,8 @@ def test_a_moment_has_state_events_and_picture(tmp_path):
     view = played.view(3.0)
     assert view["s"] == 3.0
     assert view["state"]["word"] == "NO DEVICE"
-    assert played.picture(1.0)[:2] == b"\xff\xd8"
-    assert played.picture(-5.0) is None or played.picture(-5.0)[:2] == b"\xff\xd8"
+    assert played.picture(1.0).jpeg[:2] == b"\xff\xd8"
+    assert played.picture(-5.0) is None or played.picture(-5.0).jpeg[:2] == b"\xff\xd8"
     assert played.view(1e9)["s"] == pytest.approx(played.length_s, abs=0.01)
 
 

@@ -1,4 +1,5 @@
 import json
+import ssl
 
 import pytest
 
@@ -7,6 +8,7 @@ aiohttp = pytest.importorskip("aiohttp")
 from hilbridge.errors import InputError  # noqa: E402
 from hilbridge.monitor.access import Access, access_of  # noqa: E402
 from hilbridge.monitor.server import Server  # noqa: E402
+from hilbridge.observe.keeping.sharing import SharedPicture  # noqa: E402
 
 
 class Shown:
@@ -21,6 +23,9 @@ class Shown:
     def view(self):
         return {"s": 1.0}
 
+    def picture(self, after_ns):
+        return SharedPicture(8, 64, 36, b"\xff\xd8", (0.5, 0.25)) if after_ns < 8 else None
+
     async def stop(self):
         self.stops += 1
         return ""
@@ -34,7 +39,7 @@ class Moments:
         return {"s": at_s}
 
     def picture(self, at_s):
-        return b"\xff\xd8" if at_s > 1 else None
+        return SharedPicture(8, 64, 36, b"\xff\xd8") if at_s > 1 else None
 
 
 def here() -> Access:
@@ -104,6 +109,17 @@ async def test_two_clients_see_the_same_and_one_may_leave(client):
         assert await two.receive_json() == {"s": 1.0}
 
 
+async def test_a_shared_picture_comes_once_with_what_is_drawn_over_it(client):
+    async with Server(here(), live=Shown()).serving() as url:
+        for asked, status in (("0", 200), ("7", 200), ("8", 204), ("-1", 200), ("x", 200), ("9" * 30, 200)):
+            async with client.get(f"{url}picture?after={asked}") as answer:
+                assert answer.status == status
+                if status == 200:
+                    assert (answer.content_type, await answer.read()) == ("image/jpeg", b"\xff\xd8")
+                    seen = {"number": "8", "width": 64, "height": 36, "gaze": [0.5, 0.25], "hands": []}
+                    assert json.loads(answer.headers["X-Overlay"]) == seen
+
+
 async def test_a_recording_has_moments_and_no_socket(client):
     async with Server(here(), recorded=Moments()).serving() as url:
         for asked, s in (("2.5", 2.5), ("x", 0.0), ("nan", 0.0)):
@@ -122,3 +138,23 @@ async def test_a_port_that_is_taken_is_said_in_a_line():
         with pytest.raises(InputError, match="choose another with --port"):
             async with Server(access_of("127.0.0.1", port, None, None, None), live=Shown()).serving():
                 pass
+
+
+async def test_tls_serves_page_and_stop_to_whoever_knows_the_token_and_to_nobody_without(client, pair, token):
+    shown, trusted = Shown(), ssl.create_default_context(cafile=str(pair[0]))
+    async with Server(access_of("127.0.0.1", 0, token, *pair), live=shown).serving() as url:
+        assert url.startswith("https://127.0.0.1:")
+        async with client.get(url, ssl=trusted) as answer:
+            assert answer.status == 200
+        async with client.ws_connect(url + "live", ssl=trusted, origin=url.rsplit("/", 2)[0]) as socket:
+            await socket.send_str("STOP")
+            while "stop" not in await socket.receive_json():
+                pass
+        for wrong in (url.replace("a" * 32, "b" * 32), url.replace("a" * 32, ""), url.rsplit("/", 2)[0] + "/"):
+            async with client.get(wrong + "live", ssl=trusted) as answer:
+                assert answer.status == 404  # not 401: that would say that there is something
+        with pytest.raises(aiohttp.ClientError):  # whoever speaks no TLS
+            await client.get(url.replace("https", "http"))
+        with pytest.raises(aiohttp.ClientConnectorCertificateError):  # a certificate that the client does not know
+            await client.get(url)
+    assert shown.stops == 1

@@ -34,12 +34,22 @@ def test_a_dropout_is_the_reason_from_the_first_heartbeat_that_tells_it(bus, mas
     view = bus.run(80)
     assert (view["state"]["reason"], view["state"]["cure"]) == SENSORS[name]
     assert view["sensors"]["valid"][name] is False
+    assert view["state"]["for_s"] == 0.0
+    assert bus.run(1000)["state"]["for_s"] == 1.0
     bus.sensors = 0b111
     assert bus.run(80)["sensors"]["valid"][name] is True
     assert [text for _, text in bus.watch.view(bus.now_ns)["events"]][:2] == [
-        f"{name} is used again",
-        f"{name} is not used",
+        f"{name} {'are' if name == 'hands' else 'is'} used again",
+        f"{name} {'are' if name == 'hands' else 'is'} not used",
     ]
+
+
+def test_a_blink_is_no_event(bus):
+    bus.run(400)
+    bus.sensors = 0b110
+    assert bus.run(240)["state"]["reason"] == SENSORS["gaze"].text
+    bus.sensors = 0b111
+    assert bus.run(400)["events"] == []
 
 
 def test_a_bridge_that_does_without_all_is_said_to_lack_sensing(bus):

@@ -16,6 +16,7 @@ from hilbridge.runtime.health import (
     first_problem,
     gaze_seen,
     sensor_problem,
+    still_seen,
 )
 
 
@@ -98,3 +99,21 @@ def test_h8_a_live_eye_tracker_is_held_within_its_limit_not_at_the_tick_after() 
     assert live.timeout_ns + TICK_NS <= limits.gaze_timeout_ms * MS
     assert gaze_seen(limits, True, 0).timeout_ns == limits.gaze_timeout_ms * MS
     assert gaze_seen(SensorsConfig(gaze_timeout_ms=30), True, 0, live=True).timeout_ns == 15 * MS
+
+
+@pytest.mark.parametrize(
+    ("gone", "seen_still"),
+    [
+        ({"gaze"}, (False, True, True)),
+        ({"camera"}, (True, False, False)),
+        ({"hands"}, (True, False, True)),
+        ({"inertial"}, (True, True, True)),
+        ({"camera", "gaze"}, (False, False, False)),
+    ],
+)
+def test_a_sensor_that_fails_takes_its_own_modalities_alone(gone, seen_still):
+    names = ("camera", "gaze", "hands", "inertial")
+    sensors = tuple(seen(name=name, alive=name not in gone) for name in names)
+    assert still_seen((True, True, True), sensors, 1000 * MS) == seen_still
+    assert still_seen((True, True, True), (), 1000 * MS) == (False, False, False)
+    assert not any(still_seen((False, False, False), sensors, 1000 * MS))

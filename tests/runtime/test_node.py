@@ -264,6 +264,20 @@ def test_h8_h9_the_reason_names_the_sensor_while_it_is_away_and_while_trust_is_e
     assert world.now_ms - back_ms >= EARN_NS // MS
 
 
+def test_the_heartbeat_tells_which_sensor_fails_and_the_command_that_nothing_may_rest_on_it(world: World) -> None:
+    told: list[tuple[int, int]] = []
+    for _ in range(20):
+        world.now_ms += 40
+        now_ns = world.now_ms * MS
+        vector = FeatureVector(now_ns, now_ns, np.full(D, 0.5, np.float32), (True, True, True))
+        sensors = [SensorSeen(name, name != "gaze", now_ns, now_ns, 120 * MS) for name in ("camera", "gaze")]
+        frames = world.node.tick(vector, tuple(sensors), now_ns).frames
+        act_cmd = Codec().decode(frames[0])
+        assert isinstance(act_cmd, Decoded)
+        told += [(frame.data[3] & 7, act_cmd.signals["SensingAge"]) for frame in frames if frame.can_id == 0x120]
+    assert set(told) == {(0b110, 510)}
+
+
 FAULTS = {
     "camera": ("sees", False),
     "bus": ("hears", False),

@@ -53,6 +53,27 @@ def one_object(done: subprocess.CompletedProcess[str]) -> dict[str, Any]:
     return value
 
 
+def test_demo_opens_its_live_page_at_once_and_the_report_at_the_end(tmp_path: Path) -> None:
+    pytest.importorskip("aiohttp")
+    opened = tmp_path / "opened"
+    browser = tmp_path / "browser"
+    browser.write_text(
+        f"#!{sys.executable}\nimport sys, urllib.request\n"
+        "page = urllib.request.urlopen(sys.argv[1]).read()\n"
+        f"open({str(opened)!r}, 'a').write(f'{{sys.argv[1]}} {{len(page) > 1000}}\\n')\n"
+    )
+    browser.chmod(0o755)
+    done = hilbridge(
+        "demo", "--seconds", "5", "--out", str(tmp_path / "demo"), "--open", "--json", BROWSER=str(browser)
+    )
+    one_object(done)
+    first, second = opened.read_text().splitlines()
+    assert first.startswith("http://127.0.0.1:")
+    assert first.endswith("/ True")
+    assert second == f"{(tmp_path / 'demo' / 'report.html').as_uri()} True"
+    assert "Traceback" not in done.stderr
+
+
 def test_demo_acts_and_holds_and_loses_nothing(tmp_path: Path) -> None:
     out = tmp_path / "demo"
     result = one_object(hilbridge("demo", "--seconds", "30", "--out", str(out), "--json"))

@@ -1,12 +1,15 @@
-"""The pictures in the documents: `python -m tests.tools.pictures_of_pages`. The demo's report, in Chromium."""
+"""The pictures in the documents: `python -m tests.tools.pictures_of_pages`. The demo's report and live page, in Chromium."""
 
 from __future__ import annotations
 
+import os
 import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
+
+from tests.system.operator.rig import chromium, monitor
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -29,6 +32,41 @@ def photograph(page: Path, picture: Path, width_px: int, height_px: int) -> None
     subprocess.run(command, check=True, capture_output=True, timeout=120)
 
 
+def photograph_live(folder: Path, picture: Path) -> None:
+    """The operator's page while the demo assists, with the simulated wearer's picture."""
+    bus = f"hilsim:pictures-{os.getpid()}"
+    command = [
+        sys.executable,
+        "-m",
+        "hilbridge",
+        "demo",
+        "--seconds",
+        "60",
+        "--bus",
+        bus,
+        "--out",
+        str(folder),
+        "--open",
+    ]
+    unseen = {
+        **os.environ,
+        "BROWSER": "true %s",
+    }  # it shares its picture where it opens the page: nobody need see that one
+    silent = subprocess.DEVNULL
+    with (
+        subprocess.Popen(command, env=unseen, stdout=silent, stderr=silent) as demo,
+        monitor("--bus", bus) as (url, _),
+        chromium() as browser,
+    ):
+        page = browser.new_page(viewport={"width": 1280, "height": 900})
+        page.goto(url)
+        page.wait_for_selector("#overlay .gaze", timeout=60_000)
+        page.wait_for_timeout(15_000)  # for a trace to look at
+        page.wait_for_selector("#state.assist", timeout=60_000)
+        page.screenshot(path=picture, full_page=True)
+        demo.terminate()
+
+
 def main() -> int:
     """Make them anew."""
     with tempfile.TemporaryDirectory() as name:
@@ -36,7 +74,8 @@ def main() -> int:
         command = [sys.executable, "-m", "hilbridge", "demo", "--seconds", "30", "--out", str(folder), "--json"]
         subprocess.run(command, check=True, capture_output=True, timeout=300)
         photograph(folder / "report.html", IMAGES / "demo.png", 1000, 1100)
-    print(IMAGES / "demo.png")
+        photograph_live(Path(name, "live"), IMAGES / "monitor.png")
+    print(IMAGES / "demo.png", IMAGES / "monitor.png")
     return 0
 
 

@@ -71,7 +71,7 @@ async def run(folder: Path, film: Path, seconds: float, *, recorded: bool) -> di
             for row in first_rows(config, parts, live.port, "cost", time.monotonic_ns()):
                 record(row)
             if pictures is not None:
-                live.on_picture = pictures.offer
+                live.on_picture = lambda frame, look: pictures.offer(frame, look.ready_ns, look)
             use_realtime_scheduling()
             cpu_s = time.process_time()
             await live.run(seconds)

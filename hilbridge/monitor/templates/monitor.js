@@ -21,6 +21,7 @@ function showState(state) {
   const name = state.verb ? state.word + " " + state.verb : state.word;
   if ($("state").className !== state.kind) $("state").className = state.kind;
   set("shape", SHAPES[state.kind] || "?"); set("name", name); set("reason", state.reason); set("cure", state.cure);
+  set("for", typeof state.for_s === "number" ? "For " + state.for_s.toFixed(1) + " s." : "");
   set("spoken", name + ". " + state.reason + (state.cure ? " " + state.cure : ""));
   document.title = name + " - Monitor";
 }
@@ -44,7 +45,7 @@ function showChart(confidence) {
     if (tau === null) continue;
     $(id).setAttribute("y1", y(tau)); $(id).setAttribute("y2", y(tau));
     $(id + "-text").setAttribute("y", id === "on" ? y(tau) - 4 : Number(y(tau)) + 15);
-    $(id + "-text").textContent = word + (100 * tau).toFixed(0) + " %";
+    $(id + "-text").textContent = word + Number((100 * tau).toPrecision(3)) + " %";
   }
   set("confidence-now", confidence.now === null ? "not known" : (100 * confidence.now).toFixed(0) + " %");
   set("thresholds", confidence.tau_on === null
@@ -108,6 +109,67 @@ function show(view) {
   }
 }
 
+// A circle, a square and points, each with its word, in a light line on a dark one: seen on any picture, by any colour vision.
+function drawOver(seen) {
+  const svg = $("overlay"), w = seen.width, h = seen.height, r = w / 30, line = w / 160;
+  const part = (name, attributes) => {
+    const node = document.createElementNS("http://www.w3.org/2000/svg", name);
+    for (const [key, value] of Object.entries(attributes)) node.setAttribute(key, value);
+    return node;
+  };
+  const twice = (name, kind, place) => [
+    part(name, { class: "under", "stroke-width": 2.4 * line, ...place }), part(name, { class: kind, "stroke-width": line, ...place })];
+  const word = (text, x, y) => {
+    const node = part("text", { class: "name", x, y, "font-size": w / 26, "stroke-width": line });
+    node.textContent = text;
+    return node;
+  };
+  const nodes = [];
+  for (const hand of seen.hands) {
+    const [x, y] = [hand[0] * w, hand[1] * h];
+    for (let k = 2; k + 1 < hand.length; k += 2) nodes.push(part("circle", { class: "point", "stroke-width": line / 3, cx: hand[k] * w, cy: hand[k + 1] * h, r: line * 1.3 }));
+    nodes.push(...twice("rect", "hand", { x: x - r, y: y - r, width: 2 * r, height: 2 * r }), word("hand", x + 1.3 * r, y + r / 2));
+  }
+  if (seen.gaze) {
+    const [x, y] = [seen.gaze[0] * w, seen.gaze[1] * h];
+    nodes.push(...twice("circle", "gaze", { cx: x, cy: y, r }), word("gaze", x + 1.3 * r, y - r / 2));
+  }
+  svg.setAttribute("viewBox", "0 0 " + w + " " + h);
+  const hands = seen.hands.length + (seen.hands.length === 1 ? " hand" : " hands");
+  const label = (seen.gaze ? "Gaze" : "No gaze") + " and " + hands + " in the picture";
+  if (svg.getAttribute("aria-label") !== label) svg.setAttribute("aria-label", label);
+  svg.replaceChildren(...nodes);
+}
+
+// On a canvas: browsers keep decoded pictures of an <img> for long, and twenty a second fill memory.
+async function showPicture(blob, seen) {
+  const bitmap = await createImageBitmap(blob), picture = $("picture");
+  if (picture.width !== bitmap.width || picture.height !== bitmap.height) { picture.width = bitmap.width; picture.height = bitmap.height; }
+  picture.getContext("2d").drawImage(bitmap, 0, 0);
+  bitmap.close();
+  drawOver(seen);
+}
+
+async function followPictures() {
+  let number = "0", pictureAt = -1e9;
+  for (;;) {
+    const began = performance.now();
+    try {
+      if (!document.hidden) {
+        const answer = await fetch("picture?after=" + number);
+        if (answer.status === 200) {
+          const seen = JSON.parse(answer.headers.get("X-Overlay"));
+          number = seen.number; pictureAt = began;
+          await showPicture(await answer.blob(), seen);
+        }
+      }
+    } catch { /* the state above says that there is no connection */ }
+    const shown = performance.now() - pictureAt < 2 * OLD_MS;
+    if ($("picture-part").hidden === shown) $("picture-part").hidden = !shown;
+    await new Promise(done => setTimeout(done, Math.max(20, (shown ? 100 : 1000) - (performance.now() - began))));
+  }
+}
+
 function connect() {
   const address = new URL("live", location.href);
   address.protocol = location.protocol === "https:" ? "wss:" : "ws:";
@@ -121,9 +183,9 @@ function connect() {
 }
 
 function stop() {
-  set("stop-said", "");
-  if (socket !== null && socket.readyState === WebSocket.OPEN) socket.send("STOP");
-  else set("stop-said", "STOP was NOT sent: no connection. Use the device's own stop.");
+  const open = socket !== null && socket.readyState === WebSocket.OPEN;
+  if (open) socket.send("STOP");  // before anything is drawn
+  set("stop-said", open ? "" : "STOP was NOT sent: no connection. Use the device's own stop.");
 }
 
 function startLive() {
@@ -134,6 +196,8 @@ function startLive() {
     document.addEventListener("keydown", event => { if (event.key === "Escape" && !event.repeat) stop(); });
   }
   connect();
+  set("picture-says", "Shared by the bridge on this computer; this page keeps none. Whoever is in it should know.");
+  followPictures();
   setInterval(() => { if (socket.readyState === WebSocket.OPEN && performance.now() - cameAt > OLD_MS) lost("No view has come for a second."); }, 250);
 }
 
@@ -147,10 +211,8 @@ async function moment(s) {
       const at = wanted; wanted = null;
       const [view, picture] = await Promise.all([fetch("view?s=" + at), fetch("picture?s=" + at)]);
       show(await view.json());
-      const old = $("picture").src;
       $("picture-part").hidden = picture.status !== 200;
-      if (picture.status === 200) $("picture").src = URL.createObjectURL(await picture.blob());
-      if (old.startsWith("blob:")) URL.revokeObjectURL(old);
+      if (picture.status === 200) await showPicture(await picture.blob(), JSON.parse(picture.headers.get("X-Overlay")));
     }
   } catch { lost("The monitor does not answer."); } finally { asking = false; }
 }

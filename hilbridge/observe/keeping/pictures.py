@@ -18,7 +18,7 @@ import numpy as np
 from hilbridge.features.scene import shrink
 from hilbridge.priority import Level, take_level
 from hilbridge.records import CameraFrame
-from hilbridge.rows import ImageRow, SceneRow, image_stamp
+from hilbridge.rows import ImageRow, Look, SceneRow, image_stamp
 from hilbridge.sensors.faces import FaceBlur
 
 _WAITING = 4
@@ -88,23 +88,31 @@ def camera_frame(row: ImageRow) -> CameraFrame:
     return CameraFrame(row.captured_ns, rgb, row.sequence, row.stamp)
 
 
-class Pictures:
-    """Takes pictures from one thread, gives rows to a recording. `close()` it before the recording."""
+def _nowhere(row: ImageRow | SceneRow) -> None:
+    """Pictures that are shared and not kept."""
 
-    def __init__(self, form: PictureFormat, record: Callable[[ImageRow | SceneRow], None]) -> None:
-        """Raises InputError where faces are to be blurred and the detector is not installed."""
-        self._form, self._record = form, record
+
+class Pictures:
+    """Takes pictures from one thread, gives rows to a recording. `close()` it before the recording.
+
+    `share` may be set: it is given each row with what was seen in the picture, in the thread that makes the JPEG.
+    """
+
+    def __init__(self, form: PictureFormat, record: Callable[[ImageRow | SceneRow], None] | None) -> None:
+        """`record` None keeps none of them. Raises InputError where faces are to be blurred and nothing can find them."""
+        self._form, self._record, self.kept = form, record or _nowhere, record is not None
         self._blur = FaceBlur() if form.blur_faces else None
-        self._frames: queue.Queue[tuple[CameraFrame, int] | None] = queue.Queue(_WAITING)
+        self._frames: queue.Queue[tuple[CameraFrame, int, Look | None] | None] = queue.Queue(_WAITING)
+        self.share: Callable[[ImageRow, Look], None] | None = None
         self.stored = self.dropped = self.failed = 0
         self.cpu_s = 0.0
         self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
         self._thread.start()
 
-    def offer(self, frame: CameraFrame, now_ns: int) -> None:
-        """Store it, as of now, if there is time."""
+    def offer(self, frame: CameraFrame, now_ns: int, look: Look | None = None) -> None:
+        """Store it, as of now, if there is time; `look` has what was seen in it."""
         try:
-            self._frames.put_nowait((frame, now_ns))
+            self._frames.put_nowait((frame, now_ns, look))
         except queue.Full:
             self.dropped += 1
 
@@ -117,13 +125,17 @@ class Pictures:
         while (offered := self._frames.get()) is not None:
             take_level(Level.RECORDING)  # each time: a run asks for real time after its recording has begun
             try:
-                frame, now_ns = offered
+                frame, now_ns, look = offered
                 if self._blur is None:
-                    self._record(scene_row(frame, now_ns))
+                    if self.kept:
+                        self._record(scene_row(frame, now_ns))
                 else:
                     frame = CameraFrame(frame.captured_ns, self._blur.apply(frame.rgb), frame.sequence, frame.stamp)
-                self._record(image_row(frame, self._form, now_ns))
+                row = image_row(frame, self._form, now_ns)
+                self._record(row)
                 self.stored += 1
+                if look is not None and (share := self.share) is not None:
+                    share(row, look)
             except Exception:  # whatever a codec or a detector raises: a thread that ended would never let the run end
                 self.failed += 1
             self.cpu_s = time.thread_time()

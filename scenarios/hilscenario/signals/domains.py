@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
+import hilbridge.bus.quick_can  # noqa: F401  # first: cantools would load python-can with all that MF4 needs
 from hilbridge.records import HoldReason
 from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Codec

@@ -13,7 +13,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -68,8 +68,10 @@ def last(log: Path) -> dict[str, Any]:
     return found
 
 
-def interrupted(command: list[str], instant_s: float, folder: Path) -> str:
-    """Run in a session of its own and send Ctrl-C to the bridge as a terminal would; what it said on stderr."""
+def interrupted(command: list[str], instant_s: float | Callable[[], object], folder: Path) -> str:
+    """Run in a session of its own and send Ctrl-C to all of it as a terminal would: after so many seconds, or when a call
+    returns. What it said on stderr.
+    """
     process = subprocess.Popen(
         [sys.executable, "-m", *command],
         cwd=folder,
@@ -79,6 +81,9 @@ def interrupted(command: list[str], instant_s: float, folder: Path) -> str:
         text=True,
     )
     try:
+        if callable(instant_s):
+            instant_s()
+            instant_s = 0.0
         time.sleep(instant_s)
         os.killpg(process.pid, signal.SIGINT)
         _, errors = process.communicate(timeout=PATIENCE_S)
@@ -100,6 +105,14 @@ def assert_closed(folder: Path) -> None:
             assert make_reader(file).get_summary() is not None, path
 
 
+def until(log: Path, state: str) -> None:
+    """Wait until the device is in a state."""
+    until_s = time.monotonic() + PATIENCE_S
+    while last(log).get("state") != state:
+        assert time.monotonic() < until_s, last(log)
+        time.sleep(0.05)
+
+
 def instants(command: str) -> list[float]:
     drawn = random.Random(f"{command} 1")
     return [round(drawn.uniform(0.2, LONGEST_S), 3) for _ in range(INSTANTS)]
@@ -114,6 +127,13 @@ def test_demo(instant_s: float, tmp_path: Path) -> None:
         assert (newest["state"] in QUIET, newest["assist_nm"]) == (True, 0.0), newest
 
 
+def test_demo_while_it_assists(tmp_path: Path) -> None:
+    log = tmp_path / "out" / "device.jsonl"
+    interrupted(["hilbridge", "demo", "--seconds", "60", "--out", "out"], lambda: until(log, "Assist"), tmp_path)
+    assert_closed(tmp_path)
+    assert last(log)["state"] in QUIET
+
+
 @pytest.mark.parametrize("instant_s", instants("run"))
 def test_run(instant_s: float, video: Path, tmp_path: Path) -> None:
     bus = f"hilsim:int-{os.getpid()}-{round(instant_s * 1000)}"
@@ -121,10 +141,7 @@ def test_run(instant_s: float, video: Path, tmp_path: Path) -> None:
         command = ["hilbridge", "run", "--camera", str(video), "--no-hands", "--loop", "--bus", bus, "--out", "out"]
         interrupted(command, instant_s, tmp_path)
         assert_closed(tmp_path)
-        until_s = time.monotonic() + PATIENCE_S
-        while last(tmp_path / "device.jsonl").get("state") != "Follow":
-            assert time.monotonic() < until_s, last(tmp_path / "device.jsonl")
-            time.sleep(0.05)
+        until(tmp_path / "device.jsonl", "Follow")
 
 
 @pytest.mark.parametrize("instant_s", instants("monitor"))
@@ -133,10 +150,7 @@ def test_monitor(instant_s: float, tmp_path: Path) -> None:
     with device(bus, tmp_path / "device.jsonl"):
         errors = interrupted(["hilbridge", "monitor", "--bus", bus], instant_s, tmp_path)
         assert "Traceback" not in errors
-        until_s = time.monotonic() + PATIENCE_S
-        while last(tmp_path / "device.jsonl").get("state") != "Follow":
-            assert time.monotonic() < until_s, last(tmp_path / "device.jsonl")
-            time.sleep(0.05)
+        until(tmp_path / "device.jsonl", "Follow")
 
 
 @pytest.mark.parametrize("instant_s", instants("campaign"))

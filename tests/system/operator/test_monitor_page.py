@@ -2,31 +2,26 @@
 
 from __future__ import annotations
 
-import contextlib
 import json
-import re
-import shutil
 import signal
 import statistics
 import subprocess
 import sys
-import threading
-import time
 from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
-import can
 import pytest
 
-from hilbridge.monitor.words import NO_SENSING
+from hilbridge.monitor.words import SENSORS
+from tests.system.operator.rig import CHROMIUM, Ear, chromium, monitor, page_zero_ns, write_token
+from tests.tools.recording_cost import make_inputs
 
-playwright = pytest.importorskip("playwright.sync_api", reason="playwright is not installed: no browser test")
-CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+pytest.importorskip("playwright.sync_api", reason="playwright is not installed: no browser test")
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine: the page is not tried")
 
-TOKEN = "t" * 32
+GAZE_LOST = SENSORS["gaze"].text
 _SCENARIO = """
 name: page
 duration: 30 s
@@ -38,79 +33,26 @@ steps:
 expect:
   - {figure: zero_after_fault_ms, at_most: 1000}
 """
-# When each text of the reason first stood on the page, on the wall clock.
+# When each text of the reason first stood on the page, in ms of the page.
 _OBSERVE = """() => {
   window.seen = []; window.pressed = [];
   const node = document.getElementById("reason");
-  const take = () => window.seen.push([performance.timeOrigin + performance.now(), node.textContent]);
+  const take = () => window.seen.push([performance.now(), node.textContent]);
   new MutationObserver(take).observe(node, {childList: true, characterData: true, subtree: true});
   document.getElementById("stop").addEventListener(
-    "pointerdown", event => window.pressed.push(performance.timeOrigin + event.timeStamp), true);
+    "pointerdown", event => window.pressed.push(event.timeStamp), true);
 }"""
-
-
-class Ear:
-    """Hears the bus beside the page: frames with the wall time of their arrival in ms."""
-
-    def __init__(self, bus: str) -> None:
-        interface, channel = bus.split(":")
-        self._bus = can.Bus(interface=interface, channel=channel)
-        self._end = threading.Event()
-        self.stops_ms: list[float] = []
-        self.gaze_lost_ms: list[float] = []
-        self._gaze = True
-        self._thread = threading.Thread(target=self._hear, daemon=True)
-        self._thread.start()
-
-    def _hear(self) -> None:
-        while not self._end.is_set():
-            message = self._bus.recv(0.1)
-            if message is None:
-                continue
-            now_ms = time.time() * 1000
-            if message.arbitration_id == 0x001:
-                self.stops_ms.append(now_ms)
-            elif message.arbitration_id == 0x120:
-                gaze = bool(message.data[3] & 1)
-                if self._gaze and not gaze:
-                    self.gaze_lost_ms.append(now_ms)
-                self._gaze = gaze
-
-    def close(self) -> None:
-        self._end.set()
-        self._thread.join()
-        self._bus.shutdown()
-
-
-@contextlib.contextmanager
-def monitor(*arguments: str) -> Iterator[tuple[str, subprocess.Popen[str]]]:
-    """The program itself; ends it by Ctrl-C, which must end it cleanly."""
-    command = [sys.executable, "-m", "hilbridge", "monitor", *arguments]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        found = re.search(r"http\S+", process.stdout.readline())
-        assert found is not None
-        try:
-            yield found[0], process
-        finally:
-            process.send_signal(signal.SIGINT)
-            assert process.wait(10) == 0
 
 
 @pytest.fixture(scope="module")
 def browser() -> Iterator[Any]:
-    with playwright.sync_playwright() as started:
-        opened = started.chromium.launch(executable_path=CHROMIUM, args=["--no-sandbox"])
+    with chromium() as opened:
         yield opened
-        opened.close()
 
 
 @pytest.fixture
 def token_file(tmp_path: Path) -> Path:
-    path = tmp_path / "token"
-    path.write_text(TOKEN)
-    path.chmod(0o600)
-    return path
+    return write_token(tmp_path)
 
 
 def violations(page: Any) -> list[dict[str, Any]]:
@@ -141,6 +83,7 @@ def test_a_live_session_on_the_page(browser: Any, tmp_path: Path, token_file: Pa
                 one.on("pageerror", lambda error: errors.append(str(error)))
                 one.goto(url)
             page.evaluate(_OBSERVE)
+            zero_ns, _ = page_zero_ns(page)
             page.wait_for_selector("#state.assist", timeout=60_000)
             assert page.inner_text("#name") == "ASSIST Pour"
             page.evaluate("window.seen = []")
@@ -149,9 +92,10 @@ def test_a_live_session_on_the_page(browser: Any, tmp_path: Path, token_file: Pa
             second.wait_for_selector("#state.assist")
             assert violations(page) == []
             page.screenshot(path=tmp_path / "assist-1280.png", full_page=True)
-            page.wait_for_selector(f"#reason:text-is('{NO_SENSING.text}')", timeout=30_000)
-            said_ms = next(at for at, text in page.evaluate("window.seen") if text == NO_SENSING.text)
-            dropout_ms = said_ms - max(lost for lost in ear.gaze_lost_ms if lost <= said_ms)
+            page.wait_for_selector(f"#reason:text-is('{GAZE_LOST}')", timeout=30_000)
+            said_ms = next(at for at, text in page.evaluate("window.seen") if text == GAZE_LOST)
+            said_ns = zero_ns + round(said_ms * 1e6)
+            dropout_ms = (said_ns - max(lost for lost in ear.gaze_lost_ns if lost <= said_ns)) / 1e6
             page.set_viewport_size({"width": 800, "height": 1100})
             for _ in range(5):
                 page.click("#stop")
@@ -159,18 +103,16 @@ def test_a_live_session_on_the_page(browser: Any, tmp_path: Path, token_file: Pa
             page.wait_for_selector("#name:text-is('STOPPED')")
             assert violations(page) == []
             page.screenshot(path=tmp_path / "stopped-800.png", full_page=True)
-            pressed_ms = page.evaluate("window.pressed")
-            stop_ms = sorted(next(at for at in ear.stops_ms if at >= pressed) - pressed for pressed in pressed_ms)
-            before = len(ear.stops_ms)
+            pressed_ns = [zero_ns + round(pressed * 1e6) for pressed in page.evaluate("window.pressed")]
+            stop_ms = [(next(at for at in ear.stops_ns if at >= one) - one) / 1e6 for one in pressed_ns]
+            before = len(ear.stops_ns)
             second.keyboard.press("Escape")
             second.wait_for_selector("#stop-said:text-is('STOP sent three times.')")
             assert errors == []
-        assert len(ear.stops_ms) == before + 3 == 18
+        assert len(ear.stops_ns) == before + 3 == 18
         print(json.dumps({"dropout_ms": dropout_ms, "stop_ms": stop_ms}))
         assert dropout_ms < 200
-        # 20 ms on a machine that has nothing else to do; this one runs browser, bridge, device and tests at once.
-        assert stop_ms[0] < 20
-        assert statistics.median(stop_ms) < 100
+        assert statistics.median(stop_ms) < 20  # single ones wait for the browser on a machine that is busy
     finally:
         running.wait(60)
         ear.close()
@@ -204,6 +146,35 @@ def test_a_recording_has_a_slider_and_no_stop(browser: Any, tmp_path: Path) -> N
         page.fill("#at", "4")
         page.wait_for_selector("#sensors dd:text-is('✓ well')")
         assert page.is_hidden("#stop")
+        page.wait_for_selector("#overlay .gaze")
+        assert page.locator("#overlay .hand").count() == 2
         assert page.locator("#verbs tr").count() == 5
         assert violations(page) == []
         page.screenshot(path=tmp_path / "recording-1280.png", full_page=True)
+
+
+def test_a_shared_picture_is_shown_with_gaze_and_goes_with_the_bridge(
+    browser: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "mine").mkdir(mode=0o700)
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path / "mine"))
+    bus, film = f"hilsim:seen-{tmp_path.name}", make_inputs(tmp_path)
+    command = [sys.executable, "-m", "hilbridge", "run", "--camera", str(film), "--gaze", str(tmp_path / "gaze.csv")]
+    command += ["--loop", "--no-hands", "--bus", bus, "--out", str(tmp_path / "run"), "--share-pictures"]
+    with monitor("--bus", bus) as (url, _):
+        page = browser.new_page(viewport={"width": 1280, "height": 900}, bypass_csp=True)
+        page.goto(url)
+        with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as running:
+            page.wait_for_selector("#picture-part", timeout=60_000)
+            page.wait_for_selector("#overlay .gaze")
+            assert page.get_attribute("#overlay", "aria-label") == "Gaze and 0 hands in the picture"
+            assert page.evaluate("document.getElementById('picture').width") == 640
+            assert violations(page) == []
+            page.screenshot(path=tmp_path / "picture-1280.png", full_page=True)
+            page.set_viewport_size({"width": 800, "height": 1100})
+            page.screenshot(path=tmp_path / "picture-800.png", full_page=True)
+            running.send_signal(signal.SIGINT)
+            _, told = running.communicate(timeout=60)
+        assert "whoever is in them should know" in told
+        page.wait_for_selector("#picture-part", state="hidden")
+        assert list((tmp_path / "mine" / "hilbridge").iterdir()) == []
