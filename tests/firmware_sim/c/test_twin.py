@@ -13,6 +13,7 @@ import pytest
 from firmware_sim import frames
 from firmware_sim.c import binding, flat
 from firmware_sim.controller import advance
+from firmware_sim.law.memory import WINDOW_SLOTS
 from firmware_sim.memory import Command, ControllerState, Inputs, PendingAct, Received
 from firmware_sim.states import Reason, State
 from firmware_sim.watchdogs import Limits
@@ -136,6 +137,26 @@ def test_moments_that_no_sequence_comes_to() -> None:
     assert both(
         replace(ready, previous_mdeg=90_000), Inputs(angle_mdeg=90_000, second_angle_mdeg=90_000), now_ms
     ).follow_unm
+
+
+@pytest.mark.parametrize("spot", range(WINDOW_SLOTS))
+def test_damping_rises_from_the_least_of_the_whole_window(spot: int) -> None:
+    hand = Hand().to_assist()
+    state = copied(hand.state)
+    state.verb = 6
+    law = state.torque
+    law.assist_ticks = law.authority = 1_000
+    law.wave_ticks = law.last_ticks = law.before_ticks = 40
+    law.last_peak = law.before_peak = law.gain_most = 300_000
+    law.slow_mean = law.second_mean = law.slot_tick = 0
+    law.impulse = 2_000_000  # the other way, so that the leash is loose
+    law.wave_up, law.damping_unm = True, -950_000
+    law.peaks = tuple(1_500_000 * (at != spot) for at in range(WINDOW_SLOTS))
+    after = both(state, replace(hand.inputs, velocity_mdeg_s=25_000), hand.now_ms + 1)
+    assert after.torque.damping_unm == -900_000
+    law.peaks = (1_500_000,) * WINDOW_SLOTS
+    after = both(state, replace(hand.inputs, velocity_mdeg_s=25_000), hand.now_ms + 1)
+    assert after.torque.damping_unm < -930_000
 
 
 def test_the_last_micronewtonmetre_of_a_ramp() -> None:

@@ -70,9 +70,10 @@ def _tremor(rng: random.Random, torque: Torque, read: Inputs, verb: int) -> None
     ticks = [max(1, rng.choice((40, 40, half - 1, half, half + 1))) for _ in range(3)]
     torque.wave_ticks, torque.last_ticks, torque.before_ticks = ticks
     torque.last_peak = torque.before_peak = torque.gain_most = 300_000
-    torque.impulse = 0
-    read.velocity_mdeg_s = rng.choice((1, -1)) * rng.choice((20_000, 25_000))
-    torque.damping_unm = -rng.choice((895_000, 950_000, 1_100_000)) * (1 if read.velocity_mdeg_s > 0 else -1)
+    way = rng.choice((1, -1))
+    torque.impulse = rng.choice((0, 2_000_000)) * way
+    read.velocity_mdeg_s = way * rng.choice((20_000, 25_000))
+    torque.damping_unm = -way * rng.choice((895_000, 950_000, 1_100_000))
 
 
 def _guided(rng: random.Random, torque: Torque, read: Inputs) -> None:
