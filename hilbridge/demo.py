@@ -31,9 +31,8 @@ from hilbridge.wearer.shaking import Tremor
 
 DEMO_SEED = 3  # a person the shipped bundle was not trained on
 _DEVICE_START_S = 30.0
-_LAST_FRAMES_S = (
-    0.3  # for what is still on the wire when the bridge has stopped, and until the device follows by itself
-)
+# For what is still on the wire when the bridge has stopped, and until the device follows by itself.
+_LAST_FRAMES_S = 0.3
 
 
 @dataclass(frozen=True, slots=True)
