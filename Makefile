@@ -57,6 +57,7 @@ bench: $(VENV)/.all  ## what prediction, tick, codec and bus cost on this machin
 	$(BIN)/hilbridge train --data out/people/train --out out/people/b.safetensors --work out/people/work --jobs 2
 	$(BIN)/hilbridge certify --data out/people/others --bundle out/people/b.safetensors --precision 0.5 --delta 0.1 --write out/people/c.safetensors
 	$(BIN)/hilbridge adapt --data out/people/one --bundle out/people/c.safetensors --out out/people/d.safetensors
+	$(BIN)/python -m tests.people.run_armed out/people/d.safetensors out/people/armed
 
 MINUTES ?= 30
 soak: $(VENV)/.all  ## the bridge for MINUTES=30 against a device: memory flat, no false trips, jitter (needs an otherwise quiet machine)

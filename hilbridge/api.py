@@ -105,5 +105,5 @@ class Stepper:
         problem: why a sensor cannot be believed now, in words. outside: another reason to hold, from the device say.
         """
         decision = self._decider.step(Told(vector, problem, outside, False, now_ns))
-        verb = None if decision.verb_index is None else VERBS[decision.verb_index]
+        verb = self._decider.gate_config.vocabulary.name(decision.verb_index)
         return Step(decision, self._decider.estimate, verb)

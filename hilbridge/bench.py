@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import statistics
 import subprocess
 import sys
@@ -12,20 +11,18 @@ from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from typing import Any
 
-import numpy as np
-
+from hilbridge.bench_prediction import PAPERS_SIZE, drawn_vectors, of_size, prediction_cost
 from hilbridge.bus.model.frames import WireFrame
 from hilbridge.bus.quick_can import can
 from hilbridge.bus.simulated.client import BusClient, Rates
 from hilbridge.bus.simulated.interface import Network, SimulatedBus
 from hilbridge.core.bridge import Bridge, BridgeConfig
 from hilbridge.core.gate import GateConfig
-from hilbridge.features.layout import D
 from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
 from hilbridge.intent.predictor import Predictor
 from hilbridge.intent.tremor import TremorGuard
 from hilbridge.lease import leased
-from hilbridge.limits import FREEZE_LIMIT_MS, MS, SENSOR_TIMEOUT_MS, TICK_NS
+from hilbridge.limits import FREEZE_LIMIT_MS, MS, SENSOR_TIMEOUT_MS
 from hilbridge.observe.summary import percentile
 from hilbridge.records import FeatureVector
 from hilbridge.runtime.health import SensorSeen
@@ -38,13 +35,20 @@ from hilbridge.wire.secoc import Authenticator
 
 @dataclass(frozen=True, slots=True)
 class BenchResult:
-    """predict_step: one 25 Hz step of the numpy engine, features in, calibrated estimate out. torch_window: torch's
-    forward pass over the whole 2 s window (None without torch). tick_overhead: everything of a tick but prediction.
+    """predict_step: one 25 Hz step of the numpy engine, features in, calibrated estimate out. torch_window, onnx_window: one
+    forward pass over the whole 2 s window (None where it is not installed). product: the matrix product of a step, alone.
+    256: the same at the paper's size, with drawn weights. tick_overhead: everything of a tick but prediction.
     """
 
     predict_step_ms_p50: float
     torch_window_ms_p50: float | None
     predict_ratio: float | None
+    predict_to_onnx: float | None
+    predict_to_product: float
+    predict_256_step_ms_p50: float
+    predict_256_to_torch: float | None
+    predict_256_to_onnx: float | None
+    predict_256_to_product: float
     tick_overhead_ms_p99: float
     wire_encode_us: float
     wire_decode_us: float
@@ -60,23 +64,32 @@ def run_bench(repeats: int = 400, show: Callable[[str], None] = lambda text: Non
     show("importing in a fresh process")
     import_s = _import_s()
     bundle = load_bundle(demo_bundle_path())
-    show("prediction against torch's full window, in turn")
-    step_ms, window_ms = _prediction_ms(bundle, repeats)
+    show("prediction against torch, ONNX Runtime and its matrix product, in turn")
+    shipped = prediction_cost(bundle, repeats)
+    wide = prediction_cost(of_size(bundle, PAPERS_SIZE), repeats)
     show("tick and codec")
     overhead_ms = _tick_overhead_ms(bundle, repeats)
     encode_us, decode_us = _codec_us(repeats * 10)
-    step = percentile(step_ms, 0.5) or 0.0
-    window = percentile(window_ms, 0.5)
     return BenchResult(
-        predict_step_ms_p50=step,
-        torch_window_ms_p50=window,
-        predict_ratio=None if window is None else step / window,
+        predict_step_ms_p50=shipped.step_ms,
+        torch_window_ms_p50=shipped.torch_ms,
+        predict_ratio=_ratio(shipped.step_ms, shipped.torch_ms),
+        predict_to_onnx=_ratio(shipped.step_ms, shipped.onnx_ms),
+        predict_to_product=shipped.step_ms / shipped.product_ms,
+        predict_256_step_ms_p50=wide.step_ms,
+        predict_256_to_torch=_ratio(wide.step_ms, wide.torch_ms),
+        predict_256_to_onnx=_ratio(wide.step_ms, wide.onnx_ms),
+        predict_256_to_product=wide.step_ms / wide.product_ms,
         tick_overhead_ms_p99=percentile(overhead_ms, 0.99) or 0.0,
         wire_encode_us=encode_us,
         wire_decode_us=decode_us,
         import_s=import_s,
         rss_mb=_peak_mb(),
     )
+
+
+def _ratio(step_ms: float, other_ms: float | None) -> float | None:
+    return None if other_ms is None else step_ms / other_ms
 
 
 def _peak_mb() -> float | None:
@@ -86,50 +99,6 @@ def _peak_mb() -> float | None:
     except ImportError:
         return None
     return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / (1e6 if sys.platform == "darwin" else 1e3)
-
-
-def _vectors(count: int) -> list[FeatureVector]:
-    rng = np.random.default_rng(0)
-    values = rng.normal(0.5, 0.2, (count, D)).astype(np.float32)
-    return [FeatureVector(k * TICK_NS, k * TICK_NS, values[k], (True, True, True)) for k in range(count)]
-
-
-def _prediction_ms(bundle: Bundle, repeats: int) -> tuple[list[float], list[float]]:
-    """Both in turn, so that a machine whose speed drifts treats them alike."""
-    predictor = Predictor(bundle)
-    vectors = _vectors(repeats + 60)
-    for vector in vectors[:60]:
-        predictor.step(vector, vector.captured_ns)
-    window = _torch_window(bundle) if importlib.util.find_spec("torch") else None
-    steps, windows = [], []
-    for vector in vectors[60:]:
-        begin = time.perf_counter()
-        predictor.step(vector, vector.captured_ns)
-        steps.append((time.perf_counter() - begin) * 1e3)
-        if window is not None:
-            begin = time.perf_counter()
-            window()
-            windows.append((time.perf_counter() - begin) * 1e3)
-    return steps, windows
-
-
-def _torch_window(bundle: Bundle) -> Callable[[], object]:
-    """Torch's forward pass of the same network over one window: what running it with torch would cost each tick."""
-    import torch
-
-    torch.set_num_threads(1)  # as the numpy engine runs; more would spin on a loaded machine
-
-    from hilbridge.learning.training.network import GruNetwork
-
-    network = GruNetwork(hidden=bundle.weights.hidden_size).eval()
-    x, usable = torch.randn(1, bundle.window_steps, D), torch.ones(1, bundle.window_steps)
-
-    def forward() -> object:
-        with torch.inference_mode():
-            return network(x, usable)
-
-    forward()
-    return forward
 
 
 def _tick_overhead_ms(bundle: Bundle, repeats: int) -> list[float]:
@@ -152,7 +121,7 @@ def _tick_overhead_ms(bundle: Bundle, repeats: int) -> list[float]:
     bridge = Bridge(wire, Authenticator(DEMO_KEY), lambda: 1, BridgeConfig(), lambda: wire.counters)
     node = BridgeNode(predict, GateConfig(0.8, 0.6), bridge, wire, bundle.bundle_id, TremorGuard())
     spent = []
-    for vector in _vectors(repeats):
+    for vector in drawn_vectors(repeats):
         now_ns = vector.captured_ns + 5 * MS
         seen = SensorSeen(
             "camera", True, vector.captured_ns, vector.captured_ns, SENSOR_TIMEOUT_MS * MS, FREEZE_LIMIT_MS * MS

@@ -59,6 +59,7 @@ def demo(
     bus: Annotated[str, typer.Option("--bus", help="auto, vcan0, or any python-can interface:channel")] = "auto",
     seed: Annotated[int, typer.Option(min=0, help="which simulated person and session")] = 3,
     tremor_hz: Annotated[float, typer.Option(min=0.0, max=15.0, help="give the wearer a tremor of so many Hz")] = 0.0,
+    bundle: BundleFile = None,
     open_page: Annotated[
         bool,
         typer.Option("--open", help="open the live page (extra `monitor`) in a browser, and the report at the end"),
@@ -71,7 +72,7 @@ def demo(
     from hilbridge.terminal import live_line
 
     with run_folder("demo", out, force=force) as folder, live_line(seconds, quiet=as_json) as progress:
-        outcome = run_demo(DemoOptions(seconds, folder, bus, seed, tremor_hz, open_page), progress)
+        outcome = run_demo(DemoOptions(seconds, folder, bus, seed, tremor_hz, bundle, open_page), progress)
     print_or_json(outcome, as_json)
     if open_page:
         open_in_browser(outcome.report.resolve().as_uri())

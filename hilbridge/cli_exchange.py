@@ -20,6 +20,7 @@ def register(app: typer.Typer) -> None:
     app.command("export")(export)
     app.command("import")(import_log)
     app.command("play")(play)
+    app.command("export-onnx")(export_onnx)
 
 
 def export(
@@ -48,6 +49,21 @@ def export(
         table = to in _TABLES
         made = export_table(recording, target, topic, progress) if table else export_log(recording, target, progress)
     _tell(made, as_json=as_json)
+
+
+def export_onnx(
+    bundle: Annotated[Path | None, typer.Argument(help="model bundle; default: the one that ships")] = None,
+    out: Annotated[Path, typer.Option(help="the file to write")] = Path("out/bundle.onnx"),
+    force: Force = False,
+) -> None:
+    """Write a bundle's network as ONNX: raw features of one window in, logits out (extra `onnx`)."""
+    from hilbridge.exchange.onnx_model import export_onnx as write
+    from hilbridge.intent.bundle import demo_bundle_path, load_bundle
+
+    source = bundle or demo_bundle_path()
+    loaded = load_bundle(source)
+    _refuse_replacing(out, source, force=force)
+    typer.echo(f"network of bundle {loaded.bundle_id:#06x}: {write(loaded, out)}")
 
 
 def import_log(

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 from hilbridge.bus.port.spec import parse_spec
-from hilbridge.config import BusConfig, Config, MonitorConfig
+from hilbridge.config import BusConfig, Config, ModelConfig, MonitorConfig
 from hilbridge.errors import InputError
 from hilbridge.lease import leased
 from hilbridge.run import Outcome, RunOptions, Watcher, run_bridge
@@ -31,16 +31,16 @@ from hilbridge.wearer.shaking import Tremor
 
 DEMO_SEED = 3  # a person the shipped bundle was not trained on
 _DEVICE_START_S = 30.0
-_LAST_FRAMES_S = (
-    0.3  # for what is still on the wire when the bridge has stopped, and until the device follows by itself
-)
+# For what is still on the wire when the bridge has stopped, and until the device follows by itself.
+_LAST_FRAMES_S = 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class DemoOptions:
     """seconds: length. seed: which person and session. tremor_hz: 0 for none. out: folder for what it leaves behind.
 
-    open_page: show the operator's page in a browser meanwhile, where the extra `monitor` is installed.
+    bundle: None for the one that ships. open_page: show the operator's page in a browser meanwhile, where the extra
+    `monitor` is installed.
     """
 
     seconds: float
@@ -48,6 +48,7 @@ class DemoOptions:
     bus: str = "auto"
     seed: int = DEMO_SEED
     tremor_hz: float = 0.0
+    bundle: Path | None = None
     open_page: bool = False
 
 
@@ -133,7 +134,8 @@ def run_demo(options: DemoOptions, watcher: Watcher) -> Outcome:
         raise InputError(f"bus {name}: reaches no other process, and the device is one; use hilsim:NAME")
     with_page = options.open_page and importlib.util.find_spec("aiohttp") is not None
     # The picture is drawn: nobody is in it.
-    config = Config(bus=BusConfig(spec=name), monitor=MonitorConfig(share_pictures=with_page))
+    model = ModelConfig(bundle=None if options.bundle is None else str(options.bundle))
+    config = Config(bus=BusConfig(spec=name), model=model, monitor=MonitorConfig(share_pictures=with_page))
     parts = read_parts(config)
     try:
         options.out.mkdir(parents=True, exist_ok=True)

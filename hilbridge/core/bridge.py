@@ -28,7 +28,7 @@ from hilbridge.limits import (
     TICK_NS,
 )
 from hilbridge.records import Action, Frame, GateDecision, HoldReason
-from hilbridge.verbs import OTHER, VERBS
+from hilbridge.verbs import DEFAULT, Vocabulary
 
 _UNREADY = ("Boot", "SelfTest", "Follow", "RampDown")
 _FAULTS = ("Passive", "Latched")
@@ -89,17 +89,11 @@ class Command:
 
 @dataclass(frozen=True, slots=True)
 class BridgeConfig:
-    """`arm`: whether to ask the device for a session. `listen_only`: send nothing at all."""
+    """`arm`: whether to ask the device for a session. `listen_only`: send nothing at all. `vocabulary`: the decisions'."""
 
     arm: bool = True
     listen_only: bool = False
-
-
-def verb_name(verb_index: int | None) -> str:
-    """DBC name of a class of `verbs.VERBS`; None is the name for no verb."""
-    if verb_index is None:
-        return "None"
-    return "Other" if verb_index == OTHER else VERBS[verb_index]
+    vocabulary: Vocabulary = DEFAULT
 
 
 def sensing_age_ms(oldest_input_ns: int | None, now_ns: int) -> int:
@@ -111,7 +105,7 @@ def sensing_age_ms(oldest_input_ns: int | None, now_ns: int) -> int:
 
 
 def sendable(
-    decision: GateDecision | None, veto: HoldReason, age_ms: int, before: Command
+    decision: GateDecision | None, veto: HoldReason, age_ms: int, before: Command, vocabulary: Vocabulary = DEFAULT
 ) -> tuple[Action, str, HoldReason]:
     """A decision as it may go on the bus after `before`: against a veto, or on input too old, it is HOLD."""
     if decision is None:
@@ -120,7 +114,9 @@ def sendable(
         return Action.HOLD, "None", veto if decision.action is Action.ACT else decision.reason
     if age_ms > SENSING_LIMIT_MS:
         return Action.HOLD, "None", HoldReason.STALE
-    verb = verb_name(decision.verb_index)
+    if decision.verb_index is None or decision.verb_index in vocabulary.never_assisted:
+        return Action.HOLD, "None", HoldReason.VERB_NOT_ASSISTED  # the gate has said so already, of its own vocabulary
+    verb = vocabulary.wire_name(decision.verb_index)
     if before.action is Action.ACT and before.verb != verb:
         return Action.HOLD, "None", HoldReason.VERB_CHANGE
     return Action.ACT, verb, HoldReason.NONE
@@ -278,7 +274,7 @@ class Bridge:
         vector's oldest input, None when there is none. valid: one flag per modality. bundle_id: 16 bits.
         """
         age_ms = sensing_age_ms(oldest_input_ns, now_ns)
-        action, verb, reason = sendable(decision, self.veto(now_ns), age_ms, self.command)
+        action, verb, reason = sendable(decision, self.veto(now_ns), age_ms, self.command, self._config.vocabulary)
         self.command = Command(action, verb, reason, now_ns)
         self.diag["Acts" if action is Action.ACT else "Holds"] += 1
         if self._config.listen_only:

@@ -25,7 +25,7 @@ from typing import Any
 from hilbridge.confidence import ConfidenceMaps
 from hilbridge.limits import MS, REFRACTORY_MS, SENSING_LIMIT_NS
 from hilbridge.records import Action, GateDecision, HoldReason, IntentEstimate
-from hilbridge.verbs import NEVER_ASSISTED
+from hilbridge.verbs import DEFAULT, Vocabulary
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,6 +38,7 @@ class GateConfig:
     refractory_ns: after any switch, confidence cannot switch again for so long.
     max_age_ns: oldest input an ACT may stand on (the contract: 150 ms).
     maps: from smoothed probability to confidence, of the bundle in use.
+    vocabulary: the bundle's verbs, and which of them may be assisted on this bus.
 
     Raises ValueError naming the field, its value and what is allowed.
     """
@@ -49,11 +50,12 @@ class GateConfig:
     refractory_ns: int = REFRACTORY_MS * MS
     max_age_ns: int = SENSING_LIMIT_NS
     maps: ConfidenceMaps = field(default_factory=ConfidenceMaps)
+    vocabulary: Vocabulary = DEFAULT
 
     def settings(self) -> dict[str, Any]:
-        """Its numbers by name; the maps are the bundle's."""
+        """Its numbers by name; maps and vocabulary are the bundle's."""
         numbers = asdict(self)
-        del numbers["maps"]
+        del numbers["maps"], numbers["vocabulary"]
         return numbers
 
     def __post_init__(self) -> None:
@@ -137,7 +139,7 @@ def _objection(
     config: GateConfig, state: GateState, estimate: IntentEstimate, candidate: int, confidence: float
 ) -> HoldReason | None:
     """The first confidence-driven reason not to act on `candidate`, or None."""
-    if candidate in NEVER_ASSISTED:
+    if candidate in config.vocabulary.never_assisted:
         return HoldReason.VERB_NOT_ASSISTED
     if state.action is Action.ACT and candidate != state.verb_index:
         return HoldReason.VERB_CHANGE

@@ -27,9 +27,11 @@ from hilbridge.intent.calibration import checked_temperatures
 from hilbridge.intent.gru import Weights
 from hilbridge.intent.provenance import Provenance, provenance_of
 from hilbridge.intent.vectors import MAX_DIFFERENCE, WINDOWS, Vectors, largest_difference
-from hilbridge.verbs import VERBS
+from hilbridge.verbs import DEFAULT, VERBS, Vocabulary, vocabulary_of
 
-FORMAT = 3  # since 2 with test vectors, since 3 with maps of what the gate compares, a curve and a sealed record
+# Since 2 with test vectors, since 3 with maps of what the gate compares, a curve and a sealed record, since 4 with any
+# vocabulary; a bundle of the default one is written as 3, for bridges that know no other.
+FORMAT, DEFAULT_FORMAT = 4, 3
 MAX_BYTES = 64 << 20
 MAX_HIDDEN = 1024
 MAX_WEIGHT = 1e5
@@ -83,6 +85,7 @@ class Bundle:
     temperatures: by mask of valid modalities. maps: from what the gate smooths to confidence. curve: the gate replayed at
     rising tau_on, where it acts. vectors: what the network gave when it was trained; `load_bundle` compares.
     person_spread: standard deviation over people of the log odds of being right; `hilbridge adapt` leans on it.
+    vocabulary: what the classes are called, and which may be assisted.
     doubt: why the provenance that the file holds (or does not hold) cannot be believed.
     """
 
@@ -99,6 +102,7 @@ class Bundle:
     provenance: Provenance | None = None
     doubt: str | None = None
     bundle_id: int = 0
+    vocabulary: Vocabulary = DEFAULT
 
     def tau_for(self, precision: float) -> float | None:
         """The lowest tau_on from which on the replayed gate reaches `precision`; None where none does."""
@@ -125,9 +129,9 @@ def save_bundle(bundle: Bundle, path: Path) -> Path:
     tensors["vector_valid"] = np.ascontiguousarray(vectors.valid, dtype=np.float32)
     tensors["vector_logits"] = np.ascontiguousarray(vectors.logits, dtype=np.float32)
     metadata: dict[str, Any] = {
-        "format": FORMAT,
+        "format": DEFAULT_FORMAT,
         "layout_hash": LAYOUT_HASH,
-        "verbs": list(VERBS),
+        "verbs": list(bundle.vocabulary.names),
         "window_steps": bundle.window_steps,
         "temperatures": {str(mask): value for mask, value in sorted(bundle.temperatures.items())},
         "maps": {str(condition): [own.x, own.y] for condition, own in sorted(bundle.maps.by_condition.items())},
@@ -136,6 +140,8 @@ def save_bundle(bundle: Bundle, path: Path) -> Path:
         "person_spread": bundle.person_spread,
         "provenance": None if bundle.provenance is None else bundle.provenance.as_json(),
     }
+    if bundle.vocabulary != DEFAULT:
+        metadata |= {"format": FORMAT, "assisted": list(bundle.vocabulary.assisted)}
     metadata["seal"] = seal_of(tensors, metadata)
     return write_whole(path, save(tensors, metadata={METADATA_KEY: json.dumps(metadata, sort_keys=True)}))
 
@@ -197,11 +203,13 @@ def _metadata(path: Path, data: bytes) -> dict[str, Any]:
 
 
 def _check_match(path: Path, metadata: Mapping[str, Any]) -> None:
-    if metadata.get("format") != FORMAT:
-        raise BundleError(f"{path}: bundle format {metadata.get('format')!r}, this version reads {FORMAT}; {CURE}")
+    if metadata.get("format") not in (DEFAULT_FORMAT, FORMAT):
+        raise BundleError(
+            f"{path}: bundle format {metadata.get('format')!r}, this version reads {DEFAULT_FORMAT} and {FORMAT}; {CURE}"
+        )
     if metadata.get("layout_hash") != LAYOUT_HASH:
         raise BundleError(f"{path}: trained on another feature layout than this version's; {CURE}")
-    if metadata.get("verbs") != list(VERBS):
+    if metadata["format"] == DEFAULT_FORMAT and metadata.get("verbs") != list(VERBS):
         raise BundleError(f"{path}: trained on other verbs than this version's; {CURE}")
 
 
@@ -209,7 +217,8 @@ def _assemble(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any], 
     window_steps = metadata["window_steps"]
     if not isinstance(window_steps, int) or not 2 <= window_steps <= 250:
         raise BundleError(f"window of {window_steps!r} steps, expected 2 to 250")
-    arrays = _checked(tensors, window_steps)
+    vocabulary = _vocabulary(metadata)
+    arrays = _checked(tensors, window_steps, len(vocabulary))
     weights = Weights(**{name: arrays[name] for name in TENSORS})
     vectors = Vectors(arrays["vector_values"], arrays["vector_valid"] > 0, arrays["vector_logits"])
     difference = largest_difference(weights, arrays["mean"], arrays["std"], window_steps, vectors)
@@ -233,7 +242,21 @@ def _assemble(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any], 
         provenance,
         doubt,
         bundle_id,
+        vocabulary,
     )
+
+
+def _vocabulary(metadata: Mapping[str, Any]) -> Vocabulary:
+    """Raises BundleError or ValueError. What the file does not say may be assisted is not."""
+    if metadata["format"] == DEFAULT_FORMAT:
+        return DEFAULT
+    names, assisted = metadata["verbs"], metadata["assisted"]
+    if not all(isinstance(one, list) and all(isinstance(name, str) for name in one) for one in (names, assisted)):
+        raise BundleError("its vocabulary is no list of names")
+    made = vocabulary_of((name, name in assisted) for name in names)
+    if list(made.names) != names or list(made.assisted) != assisted:
+        raise BundleError(f"it would have {assisted} assisted, which its verbs {names} do not allow")
+    return made
 
 
 def _provenance(
@@ -275,7 +298,7 @@ def _curve(raw: Sequence[Sequence[Any]]) -> tuple[Replayed, ...]:
     return made
 
 
-def _checked(tensors: Mapping[str, NDArray[Any]], window_steps: int) -> dict[str, NDArray[np.float32]]:
+def _checked(tensors: Mapping[str, NDArray[Any]], window_steps: int, verbs: int) -> dict[str, NDArray[np.float32]]:
     """All tensors as float32: there, finite, and of shapes that fit together. Raises BundleError."""
     missing = [name for name in _STORED if name not in tensors]
     if missing:
@@ -295,13 +318,13 @@ def _checked(tensors: Mapping[str, NDArray[Any]], window_steps: int) -> dict[str
         "input_bias": (3 * hidden,),
         "hidden_weight": (3 * hidden, hidden),
         "hidden_bias": (3 * hidden,),
-        "head_weight": (len(VERBS), hidden),
-        "head_bias": (len(VERBS),),
+        "head_weight": (verbs, hidden),
+        "head_bias": (verbs,),
         "mean": (D,),
         "std": (D,),
         "vector_values": (window_steps + WINDOWS - 1, D),
         "vector_valid": (window_steps + WINDOWS - 1, 3),
-        "vector_logits": (WINDOWS, len(VERBS)),
+        "vector_logits": (WINDOWS, verbs),
     }
     for name, shape in shapes.items():
         if arrays[name].shape != shape:

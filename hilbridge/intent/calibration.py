@@ -22,8 +22,10 @@ def checked_temperatures(temperatures: Mapping[int, float]) -> dict[int, float]:
 
 def softmax(logits: NDArray[np.float64]) -> NDArray[np.float64]:
     """Along the last axis, without overflow."""
-    shifted = np.exp(logits - logits.max(axis=-1, keepdims=True))
-    return np.asarray(shifted / shifted.sum(axis=-1, keepdims=True))
+    made = logits - logits.max(axis=-1, keepdims=True)
+    np.exp(made, out=made)
+    made /= made.sum(axis=-1, keepdims=True)
+    return np.asarray(made)
 
 
 def sigmoid(value: NDArray[np.float64] | float) -> NDArray[np.float64]:

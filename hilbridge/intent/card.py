@@ -37,6 +37,9 @@ def card_of(bundle: Bundle, found: Sequence[str] = ()) -> str:
 def _facts(bundle: Bundle, record: Provenance | None) -> list[str]:
     size = f"GRU of {bundle.weights.hidden_weight.shape[1]} units, a window of {bundle.window_steps} steps of 40 ms"
     gate = f"tau_on {bundle.thresholds.tau_on:g}, tau_off {bundle.thresholds.tau_off:g}"
+    verbs = bundle.vocabulary
+    held = [name for name in verbs.names if name not in verbs.assisted]
+    size += f"; {len(verbs)} verbs: {', '.join(verbs.names)}; never assisted: {', '.join(held) or 'none of them'}"
     if record is None:
         return [size, gate, f"origin: unknown ({bundle.doubt or 'the file does not say'})"]
     promise = record.certificate

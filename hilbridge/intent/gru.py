@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float32]
 POOL_EPSILON = 1e-6
+_ZERO, _HALF, _ONE = (np.float32(number) for number in (0.0, 0.5, 1.0))
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,15 +64,17 @@ class StreamingGru:
         self._reset_bias = weights.hidden_bias[2 * size :] * np.float32(0.5)
         self._hidden = np.zeros((rows, size), dtype=np.float32)
         self._sum = np.zeros((rows, size), dtype=np.float32)
-        self._count = np.zeros(rows, dtype=np.float32)
+        self._count = [0] * rows
         self._gates = np.empty((3, rows, size), dtype=np.float32)
+        self._projected = np.empty(weights.fc_bias.shape, dtype=np.float32)
+        self._from_input = np.empty(3 * size, dtype=np.float32)
         self._tick = 0
 
     def reset(self) -> None:
         """Forget all windows."""
         self._hidden[:] = 0.0
         self._sum[:] = 0.0
-        self._count[:] = 0.0
+        self._count = [0] * self._steps
         self._tick = 0
 
     def step(self, x: Array, usable: bool) -> Array | None:
@@ -79,37 +82,42 @@ class StreamingGru:
         row = self._tick % self._steps
         self._hidden[row] = 0.0
         self._sum[row] = 0.0
-        self._count[row] = 0.0
+        self._count[row] = 0
         self._advance(x)
         if usable:
             self._sum += self._hidden
-            self._count += 1.0
+            self._count = [count + 1 for count in self._count]
         self._tick += 1
         if self._tick < self._steps:
             return None
         full = self._tick % self._steps
-        pooled = self._sum[full] / (self._count[full] + np.float32(POOL_EPSILON))
+        pooled = self._sum[full] / (np.float32(self._count[full]) + np.float32(POOL_EPSILON))
         return np.asarray(self._w.head_weight @ pooled + self._w.head_bias, dtype=np.float32)
 
     def usable_steps(self) -> int:
         """How many steps of the window that ended last were usable."""
-        return int(self._count[self._tick % self._steps])
+        return self._count[self._tick % self._steps]
 
     def _advance(self, x: Array) -> None:
         w, hidden, gates = self._w, self._hidden, self._gates
-        projected = np.maximum(w.fc_weight @ x + w.fc_bias, np.float32(0.0))
-        from_input = (self._input_weight @ projected + self._bias).reshape(3, 1, -1)
+        projected, summed = self._projected, self._from_input
+        np.matmul(w.fc_weight, x, out=projected)
+        projected += w.fc_bias
+        np.maximum(projected, _ZERO, out=projected)
+        np.matmul(self._input_weight, projected, out=summed)
+        summed += self._bias
+        from_input = summed.reshape(3, 1, -1)
         np.matmul(hidden, self._hidden_weight_t, out=gates)
         sigmoids, (reset, update, gated) = gates[:2], gates
         sigmoids += from_input[:2]
         np.tanh(sigmoids, out=sigmoids)
-        sigmoids += np.float32(1.0)  # twice the sigmoid
+        sigmoids += _ONE  # twice the sigmoid
         gated += self._reset_bias
         gated *= reset
         gated += from_input[2]
         new = np.tanh(gated, out=gated)
         # h = (1 - z) n + z h = n + z (h - n)
-        update *= np.float32(0.5)
+        update *= _HALF
         hidden -= new
         hidden *= update
         hidden += new

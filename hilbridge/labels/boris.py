@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 from hilbridge.errors import InputError
-from hilbridge.labels.table import Label, delimiter_of, in_order, label_of, number, read_text
+from hilbridge.labels.table import VOCABULARY, Label, delimiter_of, in_order, label_of, number, read_text
 
 _AGGREGATED = {"Behavior", "Start (s)", "Stop (s)"}
 _TABULAR = {"Behavior", "Time"}
@@ -20,7 +21,7 @@ def is_boris(path: Path) -> bool:
     return _header(read_text(path)) is not None
 
 
-def read_boris(path: Path, offset_ms: float) -> list[Label]:
+def read_boris(path: Path, offset_ms: float, words: Sequence[str] = VOCABULARY) -> list[Label]:
     """Every state event; `offset_ms` is added. Point events have no length and are refused. Raises InputError."""
     text = read_text(path)
     header = _header(text)
@@ -33,7 +34,8 @@ def read_boris(path: Path, offset_ms: float) -> list[Label]:
         rows = [(f"{path}:{header + table.line_num}", row) for row in table]
     except csv.Error as error:
         raise InputError(f"{path}: {error}; export it again") from None
-    labels = _aggregated(path, rows, offset_ms) if names >= _AGGREGATED else _tabular(path, rows, offset_ms)
+    make = _aggregated if names >= _AGGREGATED else _tabular
+    labels = make(path, rows, offset_ms, words)
     return in_order(labels, str(path))
 
 
@@ -47,15 +49,17 @@ def _header(text: str) -> int | None:
     return None
 
 
-def _aggregated(path: Path, rows: list[tuple[str, dict[str, str]]], offset_ms: float) -> list[Label]:
+def _aggregated(
+    path: Path, rows: list[tuple[str, dict[str, str]]], offset_ms: float, words: Sequence[str]
+) -> list[Label]:
     labels = []
     for where, row in rows:
         start_ms, end_ms = (number(row[name], where) * 1e3 + offset_ms for name in ("Start (s)", "Stop (s)"))
-        labels.append(label_of(start_ms, end_ms, row["Behavior"], f"boris:{path.name}", where))
+        labels.append(label_of(start_ms, end_ms, row["Behavior"], f"boris:{path.name}", where, words))
     return labels
 
 
-def _tabular(path: Path, rows: list[tuple[str, dict[str, str]]], offset_ms: float) -> list[Label]:
+def _tabular(path: Path, rows: list[tuple[str, dict[str, str]]], offset_ms: float, words: Sequence[str]) -> list[Label]:
     begun: dict[str, float] = {}
     labels = []
     for where, row in rows:
@@ -64,7 +68,7 @@ def _tabular(path: Path, rows: list[tuple[str, dict[str, str]]], offset_ms: floa
         if kind == "START":
             begun[verb] = time_ms
         elif kind == "STOP" and verb in begun:
-            labels.append(label_of(begun.pop(verb), time_ms, verb, f"boris:{path.name}", where))
+            labels.append(label_of(begun.pop(verb), time_ms, verb, f"boris:{path.name}", where, words))
         else:
             raise InputError(f"{where}: {kind or 'no kind'} of {verb!r}; only pairs of START and STOP have a length")
     if begun:

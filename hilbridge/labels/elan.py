@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import contextlib
 import io
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from hilbridge.errors import InputError, needs_extra
-from hilbridge.labels.table import Label, in_order, label_of, read_text
+from hilbridge.labels.table import VOCABULARY, Label, in_order, label_of, read_text
 
 
-def read_eaf(path: Path, tier: str | None, offset_ms: float) -> list[Label]:
+def read_eaf(path: Path, tier: str | None, offset_ms: float, words: Sequence[str] = VOCABULARY) -> list[Label]:
     """Annotations of `tier`, or of the only tier that has any; `offset_ms` is added. Raises InputError."""
     text = read_text(path)
     if "<!DOCTYPE" in text or "<!ENTITY" in text:  # no ELAN file has them; entities can be made to fill the memory
@@ -35,5 +36,5 @@ def read_eaf(path: Path, tier: str | None, offset_ms: float) -> list[Label]:
     labels = []
     for number, found in enumerate(sorted(eaf.get_annotation_data_for_tier(name)), 1):
         where = f"{path}: annotation {number} of tier {name}"
-        labels.append(label_of(found[0] + offset_ms, found[1] + offset_ms, found[2], f"elan:{path.name}", where))
+        labels.append(label_of(found[0] + offset_ms, found[1] + offset_ms, found[2], f"elan:{path.name}", where, words))
     return in_order(labels, str(path))

@@ -10,7 +10,7 @@ from hilbridge.files import write_whole
 from hilbridge.labels.boris import is_boris, read_boris
 from hilbridge.labels.elan import read_eaf
 from hilbridge.labels.store import labels_of, put_labels, span_of
-from hilbridge.labels.table import Label, csv_text, in_order, label_of, read_csv
+from hilbridge.labels.table import Label, csv_text, in_order, label_of, read_csv, words_at
 
 
 def import_labels(recording: Path, source: Path, tier: str | None, offset_ms: float | None) -> tuple[Path, int]:
@@ -20,12 +20,13 @@ def import_labels(recording: Path, source: Path, tier: str | None, offset_ms: fl
     """
     if offset_ms is not None and not math.isfinite(offset_ms):
         raise InputError(f"--offset-ms {offset_ms}: not finite; give milliseconds")
+    words = words_at(recording)
     if source.suffix.lower() == ".eaf":
-        labels = read_eaf(source, tier, _video_start_ms(recording, offset_ms))
+        labels = read_eaf(source, tier, _video_start_ms(recording, offset_ms), words)
     elif is_boris(source):
-        labels = read_boris(source, _video_start_ms(recording, offset_ms))
+        labels = read_boris(source, _video_start_ms(recording, offset_ms), words)
     else:
-        labels = _moved(read_csv(source), offset_ms or 0.0, str(source))
+        labels = _moved(read_csv(source, words), offset_ms or 0.0, str(source))
     return put_labels(recording, labels), len(labels)
 
 
@@ -48,5 +49,8 @@ def _video_start_ms(recording: Path, offset_ms: float | None) -> float:
 def _moved(labels: list[Label], offset_ms: float, name: str) -> list[Label]:
     if not offset_ms:
         return labels
-    moved = [label_of(one.start_ms + offset_ms, one.end_ms + offset_ms, one.verb, one.source, name) for one in labels]
+    moved = [
+        label_of(one.start_ms + offset_ms, one.end_ms + offset_ms, one.verb, one.source, name, (one.verb,))
+        for one in labels
+    ]
     return in_order(moved, name)

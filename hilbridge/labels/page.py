@@ -21,7 +21,7 @@ from mcap.reader import make_reader
 
 from hilbridge.errors import InputError
 from hilbridge.labels.store import Span, labels_of, put_labels, span_of
-from hilbridge.labels.table import VOCABULARY, label_of
+from hilbridge.labels.table import label_of, words_at
 from hilbridge.observe.parts import recordings_in
 from hilbridge.observe.reading import read_recording
 from hilbridge.records import Action
@@ -51,7 +51,7 @@ class Session:
             "length_ms": (self.span.end_ns - self.span.begin_ns) / 1e6,
             "has_pictures": self.span.first_picture_ns is not None,
             "first_picture_ms": max(0.0, ((self.span.first_picture_ns or 0) - self.span.begin_ns) / 1e6),
-            "verbs": VOCABULARY,
+            "verbs": words_at(self.path),
             "labels": [asdict(label) for label in labels_of(self.path)],
             "trace": trace,
         }
@@ -73,7 +73,7 @@ class Session:
         """Check the labels that a page sent and keep them. Raises InputError."""
         if not isinstance(body, list):
             raise InputError("labels: not a list; load the page again")
-        labels = []
+        labels, words = [], words_at(self.path)
         for number, one in enumerate(body, 1):
             where = f"label {number}"
             if not isinstance(one, dict) or not isinstance(one.get("verb"), str):
@@ -82,7 +82,7 @@ class Session:
                 start_ms, end_ms = float(one["start_ms"]), float(one["end_ms"])
             except (KeyError, TypeError, ValueError):
                 raise InputError(f"{where}: its times are no numbers; correct them") from None
-            labels.append(label_of(start_ms, end_ms, one["verb"], str(one.get("source") or "page")[:80], where))
+            labels.append(label_of(start_ms, end_ms, one["verb"], str(one.get("source") or "page")[:80], where, words))
         return put_labels(self.path, labels)
 
 

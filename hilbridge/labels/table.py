@@ -15,13 +15,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from hilbridge.errors import InputError, nearest
+from hilbridge.labels.vocabulary import FILE, vocabulary_at
 from hilbridge.rows import LabelRow
-from hilbridge.verbs import VERBS
+from hilbridge.verbs import NONE, VERBS
 
-NONE = "none"
 VOCABULARY = (*VERBS, NONE)
 COLUMNS = ("start_ms", "end_ms", "verb", "source")
-_BY_FOLDED = {word.casefold(): word for word in VOCABULARY}
 _MOST_MS = 7 * 24 * 3_600_000.0
 _MOST_BYTES = 16 << 20
 _MS = 1_000_000
@@ -37,16 +36,25 @@ class Label:
     source: str
 
 
-def verb_named(text: str, where: str) -> str:
-    """The verb of the vocabulary that `text` is, whatever its case. Raises InputError with the nearest one."""
+def words_at(place: Path, *more: str) -> tuple[str, ...]:
+    """What may stand as a verb in the labels of `place`: its vocabulary, `more`, and `none`."""
+    return tuple(dict.fromkeys((*vocabulary_at(place).names, *more, NONE)))
+
+
+def verb_named(text: str, where: str, words: Sequence[str] = VOCABULARY) -> str:
+    """The word that `text` is, whatever its case. Raises InputError with the nearest one."""
     folded = " ".join(text.split()).casefold()
-    known = _BY_FOLDED.get(folded)
+    known = next((word for word in words if word.casefold() == folded), None)
     if known is not None:
         return known
-    raise InputError(f"{where}: {text[:60]!r} is no verb; {nearest(folded, VOCABULARY)}")
+    raise InputError(
+        f"{where}: {text[:60]!r} is no verb; {nearest(folded, words)} (a data set with others names them in {FILE})"
+    )
 
 
-def label_of(start_ms: float, end_ms: float, verb: str, source: str, where: str) -> Label:
+def label_of(
+    start_ms: float, end_ms: float, verb: str, source: str, where: str, words: Sequence[str] = VOCABULARY
+) -> Label:
     """A checked label; `where` begins the message. Raises InputError."""
     if not (
         math.isfinite(start_ms) and math.isfinite(end_ms) and abs(start_ms) <= _MOST_MS and abs(end_ms) <= _MOST_MS
@@ -56,7 +64,7 @@ def label_of(start_ms: float, end_ms: float, verb: str, source: str, where: str)
         raise InputError(f"{where}: starts {-start_ms:g} ms before the recording; correct it, or give --offset-ms")
     if end_ms <= start_ms:
         raise InputError(f"{where}: ends at {end_ms:g} ms, not after its start at {start_ms:g} ms; correct it")
-    return Label(start_ms, end_ms, verb_named(verb, where), source)
+    return Label(start_ms, end_ms, verb_named(verb, where, words), source)
 
 
 def in_order(labels: Iterable[Label], name: str) -> list[Label]:
@@ -83,9 +91,10 @@ def read_text(path: Path) -> str:
         raise InputError(f"{path}: {error.strerror}; name a label file") from None
 
 
-def read_csv(path: Path) -> list[Label]:
-    """Raises InputError naming file and line."""
+def read_csv(path: Path, words: Sequence[str] = ()) -> list[Label]:
+    """words: what may stand as a verb; default, by the file's place. Raises InputError naming file and line."""
     text = read_text(path)
+    words = words or words_at(path)
     lines = csv.DictReader(io.StringIO(text), delimiter=delimiter_of(text))
     labels = []
     try:
@@ -95,7 +104,7 @@ def read_csv(path: Path) -> list[Label]:
         for row in lines:
             where = f"{path}:{lines.line_num}"
             start_ms, end_ms = (number(row[column], where) for column in COLUMNS[:2])
-            labels.append(label_of(start_ms, end_ms, row["verb"] or "", row.get("source") or path.name, where))
+            labels.append(label_of(start_ms, end_ms, row["verb"] or "", row.get("source") or path.name, where, words))
     except csv.Error as error:
         raise InputError(f"{path}:{lines.line_num}: {error}; correct the line") from None
     return in_order(labels, str(path))

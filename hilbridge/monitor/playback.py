@@ -29,6 +29,7 @@ from hilbridge.rows import (
     TickRow,
     decode,
 )
+from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Codec
 
 _WENT_OUT = (None, "sent", "queued")
@@ -47,13 +48,14 @@ class Playback:
         self.begin_ns, self.end_ns = self._span()
         self.events: list[tuple[int, str]] = []
         self.card: list[tuple[str, str]] = []
-        self.title = path.name
+        self.title, self.verbs = path.name, VERBS
         for row in read_recording(path, _FIRST):
             match row:
                 case EventRow():
                     self.events.append((row.time_ns, row.text))
                 case BundleRow():
                     self.card = card_of_row(row)
+                    self.verbs = row.verbs
                 case MetaRow(title=str() as title):
                     self.title = title
 
@@ -66,6 +68,7 @@ class Playback:
         """What the page would have shown then, and what the bridge itself said."""
         until_ns = self.begin_ns + round(min(max(at_s, 0.0), self.length_s) * 1e9)
         watch = Watch(self._codec, self.begin_ns)
+        watch.verbs = self.verbs
         for row in self._rows(_MOVING, until_ns - WINDOW_NS, until_ns):
             match row:
                 case CanRow() if row.direction is Direction.RX or row.result in _WENT_OUT:

@@ -93,6 +93,7 @@ class Watch:
         self._reason_text = ""
         self._tick: TickRow | None = None
         self._belief: BeliefRow | None = None
+        self.verbs = VERBS  # of the bundle in use
 
     # In
 
@@ -286,7 +287,7 @@ class Watch:
 
     def _verbs(self) -> dict[str, Any]:
         if self._belief is not None:
-            ranked = sorted(zip(VERBS, self._belief.probabilities, strict=False), key=lambda one: -one[1])[:_TOP]
+            ranked = sorted(zip(self.verbs, self._belief.probabilities, strict=False), key=lambda one: -one[1])[:_TOP]
             return {"of": "likeliest now", "top": [[verb, round(share, 3)] for verb, share in ranked]}
         counts: dict[str, int] = {}
         for _, _, verb in self._trace:

@@ -29,6 +29,7 @@ from mcap.records import (
 
 MAGIC = b"\x89MCAP0\r\n"
 _COMPRESSION = "zstd"
+_LEVEL = 1  # the quickest: JPEG hardly shrinks, and rows are no larger than at the default level
 _MESSAGE = struct.Struct("<BQHIQQ")
 _MESSAGE_HEAD_BYTES = 22  # channel, sequence and both times, which a message's length counts
 _INDEX = struct.Struct("<BQHI")
@@ -48,6 +49,7 @@ class McapFile:
         self._times_ns: list[int] = []
         self._chunks: list[ChunkIndex] = []
         self._counts: defaultdict[int, int] = defaultdict(int)
+        self._compressor = zstandard.ZstdCompressor(level=_LEVEL)  # one for all: to make one costs more than to use it
         self._file.write(MAGIC + _bytes(Header("", library)))
 
     @property
@@ -85,7 +87,7 @@ class McapFile:
         self._times_and_places.clear()
         chunk = Chunk(
             compression=_COMPRESSION,
-            data=zstandard.compress(content),
+            data=self._compressor.compress(content),
             message_start_time=min(times_ns),
             message_end_time=max(times_ns),
             uncompressed_crc=zlib.crc32(content),

@@ -10,6 +10,7 @@ import numpy as np
 
 from hilbridge.errors import InputError
 from hilbridge.intent.bundle import load_bundle, save_bundle
+from hilbridge.learning.data.people import Naming
 from hilbridge.learning.data.stream import join
 from hilbridge.learning.training.make_bundle import replay_bundle
 from hilbridge.learning.training.person import actions_of, posterior, shifted
@@ -49,7 +50,8 @@ class Adapted:
 def adapt(bundle_path: Path, data: Sequence[Path], out: Path, say: Say = lambda _: None) -> Adapted:
     """Learn from labelled sessions of one person. Raises InputError for sessions of several, or a bundle that cannot adapt."""
     bundle = load_bundle(bundle_path)
-    sessions = [session for path in data for session in sessions_of(path, say)]
+    naming = Naming(bundle.vocabulary, strict=False)
+    sessions = [session for path in data for session in sessions_of(path, say, naming)]
     people = sorted({session.person for session in sessions})
     if len(people) != 1:
         raise InputError(

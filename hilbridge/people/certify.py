@@ -16,7 +16,7 @@ def certify_on_people(config: CertifyConfig, data: Sequence[Path], say: Callable
     """Certify on everybody under `data`. Raises InputError for a file that the bundle was trained on, or ValueError."""
     check_writable(config)
     bundle = load_bundle(config.bundle)
-    people = load_people(data, say)
+    people = load_people(data, say, bundle.vocabulary)
     met = set() if bundle.provenance is None else set(bundle.provenance.who)
     again = [name for name in people.names if digest_of(name) in met]
     if again:

@@ -21,13 +21,17 @@ from hilbridge.learning.data.labelled import Spanned, labelled_stream
 from hilbridge.learning.data.people import Session
 from hilbridge.records import GazeSample, StampSource
 from hilbridge.sensors.recorded.iassistadl import GAZE, is_iassistadl, read_iassistadl
+from hilbridge.verbs import DEFAULT
 
 LABELS = "labels.csv"
 METADATA = "recording_metadata.toml"
 
 
 def iassistadl_sessions(
-    root: Path, spans: Callable[[Path], Sequence[Spanned] | None], say: Callable[[str], None] = lambda _: None
+    root: Path,
+    spans: Callable[[Path], Sequence[Spanned] | None],
+    say: Callable[[str], None] = lambda _: None,
+    verbs: int = len(DEFAULT),
 ) -> list[Session]:
     """Every folder of this layout under `root` that has labels (start_ms, end_ms, verb from the first gaze sample)."""
     made = []
@@ -37,7 +41,7 @@ def iassistadl_sessions(
             say(f"{folder}: no {LABELS} in it, left out (events.csv names no verb)")
             continue
         values, valid = _features(folder)
-        stream = labelled_stream(0, own, values, valid, gaps_are_idle=False)
+        stream = labelled_stream(0, own, values, valid, gaps_are_idle=False, verbs=verbs)
         files = {name: file_hash(folder / name) for name in (GAZE, LABELS)}
         name = "/".join(folder.relative_to(root).parts) or folder.name
         made.append(Session(name, _subject(folder), stream, Origin.RECORDED, files))

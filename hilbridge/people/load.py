@@ -3,22 +3,31 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 from hilbridge.errors import InputError
-from hilbridge.labels.table import read_csv
+from hilbridge.features.packs import file_hash
+from hilbridge.labels.table import read_csv, words_at
+from hilbridge.labels.vocabulary import FILE, vocabulary_at, vocabulary_file
 from hilbridge.learning.data.egtea import ANNOTATIONS
 from hilbridge.learning.data.labelled import Spanned
-from hilbridge.learning.data.people import People, Session, egtea_sessions, pack_sessions, people_of, span_of
+from hilbridge.learning.data.people import USUAL, Naming, People, Session, egtea_sessions, pack_sessions, people_of
 from hilbridge.people.group import iassistadl_sessions
 from hilbridge.people.recordings import recorded_session
+from hilbridge.verbs import DEFAULT, Vocabulary
 
 Say = Callable[[str], None]
 
 
-def load_people(paths: Sequence[Path], say: Say = lambda _: None) -> People:
-    """Everybody under these paths. Raises InputError naming the file that is not what it should be, or what is missing."""
-    sessions = [session for path in paths for session in sessions_of(path, say)]
+def load_people(paths: Sequence[Path], say: Say = lambda _: None, met: Vocabulary | None = None) -> People:
+    """Everybody under these paths. met: the verbs of a bundle that meets them; default: the data say which there are.
+
+    Raises InputError naming the file that is not what it should be, or what is missing.
+    """
+    naming = Naming(one_vocabulary(paths)) if met is None else Naming(met, strict=False)
+    sessions = [session for path in paths for session in sessions_of(path, say, naming)]
     names = [session.name for session in sessions]
     twice = sorted({name for name in names if names.count(name) > 1})
     if twice:
@@ -26,21 +35,42 @@ def load_people(paths: Sequence[Path], say: Say = lambda _: None) -> People:
     unlabelled = [session.name for session in sessions if not session.stream.known.any()]
     for name in unlabelled:
         say(f"{name}: no label lies within it, left out")
-    return people_of(sessions)
+    return people_of(sessions, naming.vocabulary)
 
 
-def sessions_of(path: Path, say: Say) -> list[Session]:
-    """The sessions of one path."""
+def one_vocabulary(paths: Sequence[Path]) -> Vocabulary:
+    """The verbs of all these data. Raises InputError where they do not agree."""
+    found = {path: vocabulary_at(path) for path in paths}
+    for path, vocabulary in found.items():
+        if vocabulary != found[paths[0]]:
+            raise InputError(
+                f"--data {path}: its vocabulary ({len(vocabulary)} verbs) is another than that of {paths[0]} "
+                f"({len(found[paths[0]])}); give both the same {FILE}"
+            )
+    return found[paths[0]] if paths else DEFAULT
+
+
+def sessions_of(path: Path, say: Say, naming: Naming = USUAL) -> list[Session]:
+    """The sessions of one path; the vocabulary's file is one of those that each was made from."""
+    made = _sessions_of(path, say, naming)
+    named = vocabulary_file(path)
+    if named is None:
+        return made
+    return [replace(one, files={**one.files, FILE: file_hash(named)}) for one in made]
+
+
+def _sessions_of(path: Path, say: Say, naming: Naming) -> list[Session]:
     if not path.exists():
         raise InputError(f"--data {path}: no such file or folder; name recordings, or a data set's folder")
     if path.is_file():
-        return _recordings([path], say)
+        return _recordings([path], say, naming)
     if (path / ANNOTATIONS).is_file():
-        return egtea_sessions(path, say)
+        return egtea_sessions(path, say, naming)
+    spans, verbs = partial(_spans, naming=naming), len(naming.vocabulary)
     made = [
-        *_recordings(_places(path), say),
-        *pack_sessions(path, _spans, say),
-        *iassistadl_sessions(path, _spans, say),
+        *_recordings(_places(path), say, naming),
+        *pack_sessions(path, spans, say, verbs),
+        *iassistadl_sessions(path, spans, say, verbs),
     ]
     if not made:
         raise InputError(
@@ -57,10 +87,10 @@ def _places(folder: Path) -> list[Path]:
     return [*runs, *files]
 
 
-def _recordings(places: Sequence[Path], say: Say) -> list[Session]:
+def _recordings(places: Sequence[Path], say: Say, naming: Naming) -> list[Session]:
     made = []
     for place in places:
-        session = recorded_session(place)
+        session = recorded_session(place, naming)
         if session is None:
             say(f"{place}: no labels, left out (`hilbridge label {place}`)")
         else:
@@ -68,8 +98,9 @@ def _recordings(places: Sequence[Path], say: Say) -> list[Session]:
     return made
 
 
-def _spans(path: Path) -> list[Spanned] | None:
+def _spans(path: Path, naming: Naming) -> list[Spanned] | None:
     """The labels of a CSV; None where there is none."""
     if not path.is_file():
         return None
-    return [span_of(label.verb, label.start_ms, label.end_ms) for label in read_csv(path)]
+    labels = read_csv(path, words_at(path, *naming.vocabulary.names))
+    return [naming.span(label.verb, label.start_ms, label.end_ms, str(path)) for label in labels]

@@ -13,9 +13,9 @@ from hilbridge.features.layout import STEP_NS, D
 from hilbridge.features.packs import file_hash
 from hilbridge.intent.provenance import Origin
 from hilbridge.labels.store import beside
-from hilbridge.labels.table import read_csv
+from hilbridge.labels.table import read_csv, words_at
 from hilbridge.learning.data.labelled import Spanned, labelled_stream
-from hilbridge.learning.data.people import Session, span_of
+from hilbridge.learning.data.people import USUAL, Naming, Session
 from hilbridge.limits import GAP_NS
 from hilbridge.observe.parts import recordings_in
 from hilbridge.observe.reading import read_recording
@@ -25,7 +25,7 @@ _TOPICS = (MetaRow.topic, FeaturesRow.topic, LabelRow.topic)
 _CARRIED = GAP_NS // STEP_NS  # steps that the newest features stand for what came late
 
 
-def recorded_session(place: Path) -> Session | None:
+def recorded_session(place: Path, naming: Naming = USUAL) -> Session | None:
     """One recording (a file, or a run's folder); None where nobody labelled it. Raises InputError."""
     meta: MetaRow | None = None
     features: list[FeaturesRow] = []
@@ -43,26 +43,27 @@ def recorded_session(place: Path) -> Session | None:
         raise InputError(f"recording {place}: has no /features; only runs of the bridge recorded from now on do")
     first_ns = features[0].captured_ns
     spans = [
-        span_of(row.verb, (row.time_ns - first_ns) / 1e6, (row.end_ns - first_ns) / 1e6)
+        naming.span(row.verb, (row.time_ns - first_ns) / 1e6, (row.end_ns - first_ns) / 1e6, str(place))
         for row in sorted(labels, key=lambda row: row.time_ns)
     ]
     files = recordings_in([place])
     if not spans:
-        spans = _labels_beside(place, (begin_ns - first_ns) / 1e6)
+        spans = _labels_beside(place, (begin_ns - first_ns) / 1e6, naming)
         files += [beside(place)] if spans else []
     if not spans:
         return None
     values, valid = on_grid(features)
-    stream = labelled_stream(0, spans, values, valid, gaps_are_idle=False)
+    stream = labelled_stream(0, spans, values, valid, gaps_are_idle=False, verbs=len(naming.vocabulary))
     hashes = {path.name: file_hash(path) for path in files}
     return Session(_name(place), _person(place, meta), stream, origin_of(meta), hashes)
 
 
-def _labels_beside(place: Path, shift_ms: float) -> list[Spanned]:
+def _labels_beside(place: Path, shift_ms: float, naming: Naming) -> list[Spanned]:
     path = beside(place)
     if not path.is_file():
         return []
-    return [span_of(label.verb, label.start_ms + shift_ms, label.end_ms + shift_ms) for label in read_csv(path)]
+    labels = read_csv(path, words_at(path, *naming.vocabulary.names))
+    return [naming.span(one.verb, one.start_ms + shift_ms, one.end_ms + shift_ms, str(path)) for one in labels]
 
 
 def _name(place: Path) -> str:

@@ -14,12 +14,12 @@ from hilbridge.errors import InputError
 from hilbridge.features.assembler import FeatureAssembler
 from hilbridge.features.layout import STEP_NS
 from hilbridge.labels.store import beside
-from hilbridge.labels.table import NONE, Label, as_row, csv_text
+from hilbridge.labels.table import Label, as_row, csv_text
 from hilbridge.limits import MS
 from hilbridge.observe.recording import AddsNothing, Recording
 from hilbridge.rows import MetaRow
 from hilbridge.rows.senses import Look, features_row
-from hilbridge.verbs import VERBS
+from hilbridge.verbs import NONE, VERBS
 from hilbridge.wearer.person import Wearer
 from hilbridge.wearer.timeline import BENCHMARK, DEMO, Difficulty
 

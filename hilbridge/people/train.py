@@ -68,7 +68,7 @@ def train_on_people(config: PeopleConfig, say: Say = lambda _: None) -> Made:
     folded = train_folds(plan, people.stream, key, config.work, say)
     say("calibrating what the gate compares, out of fold")
     try:
-        fitted = calibrate(folded.logits, people.stream, folded.losses)
+        fitted = calibrate(folded.logits, people.stream, folded.losses, people.vocabulary)
     except ValueError as error:
         raise InputError(f"--data: {error}") from None
     record = Provenance(
@@ -81,7 +81,7 @@ def train_on_people(config: PeopleConfig, say: Say = lambda _: None) -> Made:
         {"curve": "of people out of fold"},
         versions(),
     )
-    bundle = make_bundle(folded.final, fitted, config.precision, record)
+    bundle = make_bundle(folded.final, fitted, config.precision, record, people.vocabulary)
     sections = people_sections(people, folded, fitted, bundle)
     facts = {
         "people": len(people.names),

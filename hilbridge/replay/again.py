@@ -12,7 +12,7 @@ from hilbridge.errors import InputError
 from hilbridge.intent.predictor import Predictor
 from hilbridge.intent.tremor import TremorGuard
 from hilbridge.observe.reading import RecordingReader, read_recording
-from hilbridge.records import Action, FeatureVector, GateDecision, HoldReason, IntentEstimate
+from hilbridge.records import Action, FeatureVector, HoldReason, IntentEstimate
 from hilbridge.replay.difference import HANDS_ANEW, HANDS_RECORDED, Compared, Difference, Tally
 from hilbridge.replay.settings import Settings, settings_for
 from hilbridge.replay.source import (
@@ -28,7 +28,6 @@ from hilbridge.replay.source import (
 )
 from hilbridge.rows import BeliefRow, BundleRow, ConfigRow, CountersRow, HandsRow, MetaRow, Row, TickRow, estimate_of
 from hilbridge.runtime.deciding import Decider, Predicts, Told, decided
-from hilbridge.verbs import VERBS
 
 _FIRST_ROWS = (MetaRow.topic, ConfigRow.topic, BundleRow.topic)
 _AT_REST = Command(Action.HOLD, "None", HoldReason.NO_ESTIMATE, 0)
@@ -131,7 +130,7 @@ def _decide(
     reader: RecordingReader, ticks: Iterator[RecordedTick], settings: Settings, source: Source
 ) -> Iterator[Compared]:
     decider: Decider | None = None
-    before, beliefs = _AT_REST, RecordedBeliefs()
+    before, beliefs, verbs = _AT_REST, RecordedBeliefs(), settings.gate.vocabulary
     for tick in ticks:
         if tick.row.first:
             decider, before = Decider(_predictor(settings, source, beliefs), settings.gate, TremorGuard()), _AT_REST
@@ -143,14 +142,10 @@ def _decide(
         row = tick.row
         told = Told(tick.vector, row.sensor_problem, row.outside, row.overrun, row.time_ns, row.felt_tremor)
         decision, before = decided(decider, told, before)
-        yield Compared(row, decision, _verb(decision), decider.estimate)
+        yield Compared(row, decision, verbs.name(decision.verb_index), decider.estimate)
 
 
 def _predictor(settings: Settings, source: Source, beliefs: RecordedBeliefs) -> Predicts:
     if source is Source.BELIEFS or settings.bundle is None:
         return beliefs
     return Predictor(settings.bundle)
-
-
-def _verb(decision: GateDecision) -> str | None:
-    return None if decision.verb_index is None else VERBS[decision.verb_index]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from hilbridge.features.packs import file_hash
 from hilbridge.intent.bundle import Bundle, demo_bundle_path, load_bundle
 from hilbridge.limits import MS
 from hilbridge.rows import BundleRow, ConfigRow
+from hilbridge.verbs import Vocabulary
 
 _NAMES = tuple(name for name in GateSection.model_fields if name != "precision")  # a bundle's, not a number of the gate
 
@@ -49,9 +50,17 @@ def settings_for(
     known = {field.name for field in fields(GateConfig)}
     values = {key: value for key, value in values.items() if key in known} | _laid_over(what_if)
     try:
-        return Settings(GateConfig(**values, maps=loaded.maps), loaded, same, tuple(what_if))
+        own_verbs = _never_assisted(loaded, config.settings["gate_in_force"])
+        return Settings(GateConfig(**values, maps=loaded.maps, vocabulary=own_verbs), loaded, same, tuple(what_if))
     except (ValueError, TypeError) as error:
         raise InputError(f"replay of {name}: gate: {error}; give --what-if gate.tau_on=... that fits") from None
+
+
+def _never_assisted(bundle: Bundle, in_force: Mapping[str, Any]) -> Vocabulary:
+    """The bundle's verbs, less what the recorded run's bus had no name for."""
+    verbs, never = bundle.vocabulary, in_force.get("never_assisted", ())
+    held = {index for index, name in enumerate(verbs.names) if name in never}
+    return replace(verbs, never_assisted=verbs.never_assisted | held)
 
 
 def _bundle_of(settings: Mapping[str, Any]) -> Path:

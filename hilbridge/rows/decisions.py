@@ -7,7 +7,7 @@ from typing import ClassVar, NamedTuple
 
 from hilbridge.records import HoldReason, IntentEstimate
 from hilbridge.rows.fields import ActionByName
-from hilbridge.verbs import VERBS
+from hilbridge.verbs import DEFAULT, Vocabulary
 
 
 @dataclass(frozen=True, slots=True)
@@ -117,13 +117,13 @@ class BeliefRow:
     """Which map of the bundle makes confidence of it: modalities of the window in bits 0 to 2, level of tremor above."""
 
 
-def belief_row(estimate: IntentEstimate, now_ns: int) -> BeliefRow:
-    """A belief as it was."""
+def belief_row(estimate: IntentEstimate, now_ns: int, vocabulary: Vocabulary = DEFAULT) -> BeliefRow:
+    """A belief as it was, of a predictor with that vocabulary."""
     return BeliefRow(
         now_ns,
         estimate.oldest_input_ns,
         estimate.produced_ns,
-        VERBS[estimate.verb_index],
+        vocabulary.names[estimate.verb_index],
         estimate.verb_index,
         estimate.confidence,
         estimate.probabilities,

@@ -6,7 +6,7 @@ import secrets
 import time
 from collections.abc import Callable
 from contextlib import asynccontextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -53,7 +53,8 @@ def read_parts(config: Config) -> Parts:
     path = Path(config.model.bundle) if config.model.bundle else demo_bundle_path()
     bundle = load_bundle(path)
     codec = Codec(Path(config.bus.dbc) if config.bus.dbc else None)
-    return Parts(bundle, gate_config(config.gate, bundle), codec, path)
+    gate = gate_config(config.gate, bundle)
+    return Parts(bundle, replace(gate, vocabulary=bundle.vocabulary.on_the_bus(codec.verbs)), codec, path)
 
 
 def gate_config(section: GateSection, bundle: Bundle) -> GateConfig:
@@ -70,6 +71,7 @@ def gate_config(section: GateSection, bundle: Bundle) -> GateConfig:
             refractory_ns=section.refractory_ms * MS,
             max_age_ns=section.max_age_ms * MS,
             maps=bundle.maps,
+            vocabulary=bundle.vocabulary,
         )
     except ValueError as error:
         raise InputError(f"gate: {error}; set both tau_on and tau_off (or neither: the bundle has them)") from None
@@ -118,6 +120,13 @@ def build_node(
             )
         if config.uncertified:
             on_event(time.monotonic_ns(), "UNCERTIFIED: this bench runs a threshold that nobody certified")
+    lacking = parts.bundle.vocabulary.lacking(parts.codec.verbs)
+    if lacking:
+        on_event(
+            time.monotonic_ns(),
+            f"verbs without a name in the DBC's value table of ACT_CMD.Verb: {', '.join(lacking)}; predicted, never assisted; "
+            "add them to the table (and to the device), or rename them in verbs.csv and train again",
+        )
     key = load_key(Path(config.key_file) if config.key_file else None, physical=port.is_physical and config.arm)
     asked = BridgeConfig(arm=config.arm or not port.is_physical, listen_only=port.listen_only)
     return assemble_node(parts, key, lambda: secrets.randbits(32), asked, on_event, predict)
@@ -144,7 +153,8 @@ def assemble_node(
 ) -> BridgeNode:
     """A node that has seen and sent nothing yet, for live runs and virtual time. predict: default, the bundle's own."""
     wire = WireLink(parts.codec)
-    bridge = Bridge(wire, Authenticator(key), draw_nonce, config, lambda: wire.counters)
+    asked = replace(config, vocabulary=parts.gate.vocabulary)
+    bridge = Bridge(wire, Authenticator(key), draw_nonce, asked, lambda: wire.counters)
     return BridgeNode(
         predict or Predictor(parts.bundle), parts.gate, bridge, wire, parts.bundle.bundle_id, TremorGuard(), on_event
     )

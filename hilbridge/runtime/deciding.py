@@ -141,7 +141,7 @@ def decided(decider: Decider, told: Told, before: Command) -> tuple[GateDecision
     """One tick without a bus: the decision as it is sent, and the command that the next tick comes after."""
     wish = decider.step(told)
     age_ms = sensing_age_ms(decider.oldest_input_ns, told.now_ns)
-    command = Command(*sendable(wish, told.outside, age_ms, before), told.now_ns)
+    command = Command(*sendable(wish, told.outside, age_ms, before, decider.gate_config.vocabulary), told.now_ns)
     return as_sent(wish, command), command
 
 

@@ -176,7 +176,7 @@ class LiveBridge:
         self._send_all(tick.frames)
         sent_ns = self._clock_ns()
         line = None if felt is None else felt.line
-        truth = None if self._judge is None else self._judge(now_ns, tick.decision.verb_index)
+        truth = None if self._judge is None else self._judge(now_ns, tick.row.verb)
         row = replace(
             with_truth(tick.row, truth),
             work_ms=round((sent_ns - now_ns) / 1e6, 3),
@@ -185,7 +185,7 @@ class LiveBridge:
             felt_rms=None if line is None else round(line.rms, 3),
         )
         if tick.belief is not None:
-            self._record(belief_row(tick.belief, now_ns))
+            self._record(belief_row(tick.belief, now_ns, self.node.decider.gate_config.vocabulary))
         self._record(row)
         self._on_tick(row)
         if self.stages is not None:

@@ -18,7 +18,6 @@ from hilbridge.rows import TickRow
 from hilbridge.runtime.account.spells import Spell
 from hilbridge.runtime.deciding import Decider, GuardsAgainstTremor, Predicts, Told, as_sent
 from hilbridge.runtime.health import SensorSeen, first_problem, still_seen
-from hilbridge.verbs import VERBS
 from hilbridge.wire.codec import Decoded, RejectReason
 from hilbridge.wire.link import WireLink
 
@@ -142,17 +141,18 @@ class BridgeNode:
     def _row(self, decision: GateDecision, told: Told) -> TickRow:
         decider, device, now_ns = self.decider, self.bridge.device, told.now_ns
         estimate, newest = decider.estimate, decider.vector
+        verbs = decider.gate_config.vocabulary
         gaze, hands, scene = (False, False, False) if newest is None else newest.valid
         return TickRow(
             now_ns,
             decision.action,
             decision.reason,
             decision.confidence,
-            None if decision.verb_index is None else VERBS[decision.verb_index],
+            verbs.name(decision.verb_index),
             tau_on=decider.gate_config.tau_on,
             tau_off=decider.gate_config.tau_off,
             act=float(decision.action is Action.ACT),
-            top_verb=None if estimate is None else VERBS[estimate.verb_index],
+            top_verb=None if estimate is None else verbs.name(estimate.verb_index),
             top_confidence=None if estimate is None else estimate.confidence,
             gaze_valid=gaze,
             hands_valid=hands,

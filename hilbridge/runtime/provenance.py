@@ -17,7 +17,6 @@ from hilbridge.bus.port.asyncio_port import BusPort
 from hilbridge.config import Config
 from hilbridge.rows import BundleRow, ConfigRow, HostRow, MetaRow, Row
 from hilbridge.runtime.assemble import Parts
-from hilbridge.verbs import VERBS
 
 _SECRET = ("key", "token", "secret", "password", "passwd")
 GIVEN = "given, not recorded"
@@ -62,7 +61,9 @@ def _host_row(now_ns: int) -> HostRow:
 def config_row(settings: dict[str, Any], parts: Parts, now_ns: int) -> ConfigRow:
     """Settings as asked for, and the gate in force."""
     shown = {section: _without_keys(values) for section, values in settings.items()}
-    return ConfigRow(now_ns, {**shown, "gate_in_force": parts.gate.settings()})
+    verbs = parts.gate.vocabulary
+    never = [name for name in verbs.names if name not in verbs.assisted]
+    return ConfigRow(now_ns, {**shown, "gate_in_force": {**parts.gate.settings(), "never_assisted": never}})
 
 
 def _without_keys(values: Any) -> Any:
@@ -83,7 +84,7 @@ def bundle_row(parts: Parts, now_ns: int, intent: str = "predictor") -> BundleRo
         parts.bundle.bundle_id,
         _sha256(parts.bundle_path),
         parts.bundle.window_steps,
-        VERBS,
+        parts.bundle.vocabulary.names,
         parts.gate.tau_on,
         parts.gate.tau_off,
         intent,

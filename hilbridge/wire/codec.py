@@ -82,6 +82,12 @@ class Codec:
         }
         self._check_required()
 
+    @property
+    def verbs(self) -> frozenset[str]:
+        """Names of the value table of ACT_CMD.Verb: what the bus can say."""
+        verb = next((one for one in self.messages["ACT_CMD"].signals if one.name == "Verb"), None)
+        return frozenset(verb.codes or ()) if verb is not None else frozenset()
+
     def _check_identifiers(self, read: list[Any]) -> None:
         for number, names in same_identifier(read).items():
             if not REQUIRED.keys().isdisjoint(names):

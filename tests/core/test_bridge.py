@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hilbridge.core.bridge import Command, sensing_age_ms, verb_name
+from hilbridge.core.bridge import Command, sensing_age_ms
 from hilbridge.core.session import Phase
 from hilbridge.limits import MS
 from hilbridge.records import Action, GateDecision, HoldReason
-from hilbridge.verbs import VERBS
+from hilbridge.verbs import DEFAULT, VERBS
 from hilbridge.wire.keys import DEMO_KEY
 from hilbridge.wire.secoc import Authenticator
 from tests.core.hub import VALID, Hub
@@ -153,8 +153,8 @@ def test_holds_keep_the_gates_reason_and_confidence() -> None:
 
 
 def test_verbs_have_their_names_on_the_wire() -> None:
-    assert [verb_name(index) for index in range(20)] == list(VERBS[:20])
-    assert (verb_name(20), verb_name(None)) == ("Other", "None")
+    assert [DEFAULT.wire_name(index) for index in range(20)] == list(VERBS[:20])
+    assert (DEFAULT.wire_name(20), DEFAULT.wire_name(None)) == ("Other", "None")
 
 
 @requirement("P11")

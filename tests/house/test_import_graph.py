@@ -31,7 +31,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "labels": {"observe"},
     "monitor": {"bus", "intent", "observe", "wire"},
     "run": {"config", "labels", "observe", "runtime"},
-    "exchange": {"bus", "observe", "wire"},
+    "exchange": {"bus", "features", "intent", "observe", "wire"},
     "people": {"core", "features", "intent", "labels", "learning", "observe", "sensors", "wearer"},
     "check": {"doctor_sensors", "runtime"},
     "doctor": {"bus", "config", "core", "doctor_sensors", "intent", "observe", "sensors", "wire"},
@@ -47,9 +47,10 @@ MAY_IMPORT: dict[str, set[str]] = {
     "api": {"bus", "config", "features", "intent", "observe", "runtime", "sensors", "wire"},
     "cli_examples": set(),
     "cli_shared": set(),
-    "cli_exchange": {"exchange", "terminal"},
+    "cli_exchange": {"exchange", "intent", "terminal"},
     "cli_learning": {"wearer", "intent", "learning", "people", "terminal"},
-    "bench": {"bus", "core", "features", "intent", "learning", "observe", "runtime", "wire"},
+    "bench": {"bench_prediction", "bus", "core", "intent", "observe", "runtime", "wire"},
+    "bench_prediction": {"exchange", "features", "intent", "learning"},
 }
 SUBROOMS: dict[str, dict[str, set[str]]] = {
     "hilbridge.bus": {

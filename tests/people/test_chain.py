@@ -14,22 +14,13 @@ from hilbridge.errors import InputError
 from hilbridge.intent.bundle import load_bundle
 from hilbridge.intent.provenance import Origin, refusal
 from hilbridge.learning.certificate.certify_bundle import CertifyConfig
-from hilbridge.learning.training.recipes import Recipe
-from hilbridge.observe.reading import read_recording
-from hilbridge.observe.recording import AddsNothing, Recording
 from hilbridge.people.adapt import adapt
 from hilbridge.people.certify import certify_on_people
 from hilbridge.people.load import load_people
 from hilbridge.people.simulate import simulate
 from hilbridge.people.train import PeopleConfig, train_on_people
-from hilbridge.rows import LabelRow, MetaRow
 from hilbridge.wearer.timeline import DEMO
-
-TINY = Recipe(
-    hidden=16, inner=8, epochs=2, windows_per_epoch=1_000, learning_rate=1e-2, averaging=0.5, class_weight_power=0.0
-)
-LEARNS = replace(TINY, hidden=32, inner=16, epochs=6, windows_per_epoch=4_000, jitter=0.3, averaging=0.8)
-SECONDS = 24.0
+from tests.people.before_a_camera import SECONDS, TINY, bundle_of_one_wearer, of_camera
 
 
 def made(folder: Path, people: int, seed: int) -> Path:
@@ -112,18 +103,6 @@ def test_adapting_only_ever_makes_more_careful(trained) -> None:
         adapt(result.bundle, config.data, root / "many.safetensors")
 
 
-def of_camera(source: Path, target: Path, person: str, *, labels: bool = True) -> Path:
-    """A simulated recording as a live run with a camera would have left it."""
-    target.mkdir(parents=True)
-    with Recording(target / "recording.mcap", AddsNothing()) as recording:
-        for row in read_recording(source):
-            if isinstance(row, MetaRow):
-                row = replace(row, camera="0", gaze="neon:", participant=person)
-            if labels or not isinstance(row, LabelRow):
-                recording.write(row)
-    return target
-
-
 def test_recordings_of_a_camera_are_of_people_and_sessions_of_one_person_belong_together(trained) -> None:
     root, config, _, _ = trained
     folder = root / "camera"
@@ -173,22 +152,11 @@ def test_what_cannot_be_trained_on_is_one_line(trained, tmp_path: Path) -> None:
 
 def test_people_before_a_camera_end_in_a_bundle_that_may_act(tmp_path: Path) -> None:
     """The whole way: twelve people to train on, others to certify, one wearer, and nothing left to refuse."""
-    made(tmp_path / "made", 21, 42_000)
-    seeds = range(42_000, 42_021)
-    train, others, one = (tmp_path / name for name in ("train", "others", "one"))
-    for folder, part in ((train, seeds[:12]), (others, seeds[12:20]), (one, seeds[20:])):
-        for seed in part:
-            of_camera(tmp_path / "made" / f"S-{seed}" / "recording.mcap", folder / f"run-{seed}", f"P-{seed}")
-    config = PeopleConfig(
-        (train,), tmp_path / "b", tmp_path / "work", tmp_path / "report", recipe=LEARNS, precision=0.2, folds=2
-    )
-    bundle = load_bundle(train_on_people(config).bundle)
+    config, certified, mine_path = bundle_of_one_wearer(tmp_path)
+    bundle = load_bundle(config.out)
     assert refusal(bundle.provenance, bundle.doubt, bundle.thresholds.tau_on) == "its threshold is not certified"
-    asked = CertifyConfig(config.out, precision=0.1, delta=0.3, write=tmp_path / "certified")
-    certified = certify_on_people(asked, (others,), lambda line: None)
-    assert certified.written is not None, certified.lines()
-    adapt(certified.written, (one,), tmp_path / "mine")
-    mine = load_bundle(tmp_path / "mine")
+    assert load_bundle(certified).provenance.certificate is not None
+    mine = load_bundle(mine_path)
     assert refusal(mine.provenance, mine.doubt, mine.thresholds.tau_on) is None
     assert mine.provenance.figures["adapted_to_one_wearer"]["files"] == 1
     lower = mine.provenance.certificate.tau_on - 0.01

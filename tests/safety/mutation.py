@@ -30,7 +30,7 @@ ROOT = Path(__file__).parents[2]
 EQUIVALENT = Path(__file__).with_name("equivalent_mutants.json")
 _DEVICE = (
     *("test_deadlines.py", "test_latches.py", "test_commands.py", "test_frames_and_e2e.py", "test_edges.py"),
-    *("test_receive.py", "test_watchdogs.py", "test_arming.py"),
+    *("test_receive.py", "test_watchdogs.py", "test_arming.py", "test_disturbed_handshake.py"),
 )
 _LAW = ("test_torque_vectors.py", "test_torque.py")
 LAW = ("allowance", "damping", "filters", "guidance", "memory", "numbers", "support")

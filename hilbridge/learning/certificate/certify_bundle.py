@@ -15,8 +15,8 @@ from hilbridge.learning.certificate.certify import Certificate, Counts, Method, 
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.synthetic import record_people
 from hilbridge.learning.data.windows import Statistics
-from hilbridge.learning.training.gate_fit import GATE, TAU_BAND, TAUS
-from hilbridge.learning.training.make_bundle import DIFFICULTIES, thresholds_at
+from hilbridge.learning.training.gate_fit import TAU_BAND, TAUS
+from hilbridge.learning.training.make_bundle import DIFFICULTIES, gate_of, thresholds_at
 from hilbridge.learning.training.replay import (
     Watched,
     conditions,
@@ -88,8 +88,8 @@ def certify_on(
 ) -> Certified:
     """Certify on these people, who must be nobody that the bundle was trained or calibrated on."""
     logits = stream_logits(bundle.weights, people, Statistics(bundle.mean, bundle.std))
-    seen = watch(logits, conditions(people), people.subject, bundle.temperatures, GATE)
-    gate = replace(GATE, maps=bundle.maps)
+    gate = gate_of(bundle)
+    seen = watch(logits, conditions(people), people.subject, bundle.temperatures, gate)
     counts = gate_counts(gate, seen, people)
     certificate = certify(counts, config.precision, config.delta, config.method, start_of(bundle, config.precision))
     judged = seen.able & people.known

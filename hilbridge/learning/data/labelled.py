@@ -31,11 +31,12 @@ def labelled_stream(
     valid: NDArray[np.bool_],
     *,
     gaps_are_idle: bool,
+    verbs: int = len(VERBS),
 ) -> Stream:
     """A session's stream; `spans` in order of their start.
 
     gaps_are_idle: whoever annotated wrote down every action, so between the first and the last nothing else was done; else
-    what no span covers is not known. Of two actions at once the later begun is under way.
+    what no span covers is not known. verbs: K. Of two actions at once the later begun is under way.
     """
     steps = len(values)
     at = np.arange(steps)
@@ -67,7 +68,7 @@ def labelled_stream(
         np.where(coming, number, owner),
         np.full(steps, -1),
         until,
-        np.zeros((steps, len(VERBS)), dtype=np.float32),
+        np.zeros((steps, verbs), dtype=np.float32),
         known,
     )
 

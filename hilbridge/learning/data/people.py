@@ -25,11 +25,38 @@ from hilbridge.learning.data.sessions import (
 from hilbridge.learning.data.stream import Stream, join
 from hilbridge.learning.data.windows import STEPS
 from hilbridge.sensors.begaze import read_begaze
-from hilbridge.verbs import OTHER, VERBS
+from hilbridge.verbs import DEFAULT, NONE, Vocabulary
 
 LEAST = 3  # people: to train, to stop by, to judge
 Say = Callable[[str], None]
-_CODES = {verb: index for index, verb in enumerate(VERBS)}
+
+
+@dataclass(frozen=True, slots=True)
+class Naming:
+    """How words of labels become classes. strict: a verb that the vocabulary lacks is refused, as training must; else it is a
+    class of its own after the last, which nobody can predict."""
+
+    vocabulary: Vocabulary = DEFAULT
+    strict: bool = True
+
+    def index(self, verb: str, where: str) -> int:
+        """Class of a verb, -1 for nothing at all. Raises DatasetError."""
+        if verb == NONE:
+            return -1
+        found = self.vocabulary.find(verb)
+        if found is None and self.strict:
+            raise DatasetError(
+                f"{where}: verb {verb!r} is not of the vocabulary ({', '.join(self.vocabulary.names)}); add it to "
+                "verbs.csv, or add the line `other,no` there for all that is rare"
+            )
+        return len(self.vocabulary) if found is None else found
+
+    def span(self, verb: str, start_ms: float, end_ms: float, where: str) -> Spanned:
+        """A label."""
+        return Spanned(start_ms, end_ms, self.index(verb, where))
+
+
+USUAL = Naming()
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,6 +82,7 @@ class People:
     names: tuple[str, ...]
     stream: Stream
     sessions: tuple[Session, ...]
+    vocabulary: Vocabulary = DEFAULT
 
     @property
     def origin(self) -> Origin:
@@ -73,7 +101,7 @@ class People:
         return {f"{session.name}/{name}": digest for session in self.sessions for name, digest in session.files.items()}
 
 
-def people_of(sessions: Iterable[Session]) -> People:
+def people_of(sessions: Iterable[Session], vocabulary: Vocabulary = DEFAULT) -> People:
     """Number people by their names. Raises DatasetError for too few of them, or of whom nothing is known."""
     used = [session for session in sessions if session.stream.known.any()]
     names = sorted({session.person for session in used})
@@ -87,22 +115,16 @@ def people_of(sessions: Iterable[Session]) -> People:
         steps = len(session.stream)
         numbered = replace(session.stream, subject=np.full(steps, names.index(session.person)))
         parts += [numbered, _break(numbered)]
-    return People(tuple(names), join(parts), tuple(ordered))
+    return People(tuple(names), join(parts), tuple(ordered), vocabulary)
 
 
 def _break(stream: Stream) -> Stream:
     """A window's length of nothing, so that no window reaches from one session of a person into the next."""
-    return labelled_stream(
-        int(stream.subject[0]), [], np.zeros((STEPS, D), np.float32), np.zeros((STEPS, 3), bool), gaps_are_idle=False
-    )
+    nothing = np.zeros((STEPS, D), np.float32), np.zeros((STEPS, 3), bool)
+    return labelled_stream(int(stream.subject[0]), [], *nothing, gaps_are_idle=False, verbs=stream.verbs)
 
 
-def span_of(verb: str, start_ms: float, end_ms: float) -> Spanned:
-    """A label by its verb's name; `none` is nothing at all, what the vocabulary does not have is `other`."""
-    return Spanned(start_ms, end_ms, -1 if verb == "none" else _CODES.get(verb, OTHER))
-
-
-def egtea_sessions(root: Path, say: Say = lambda _: None) -> list[Session]:
+def egtea_sessions(root: Path, say: Say = lambda _: None, naming: Naming = USUAL) -> list[Session]:
     """Every annotated session of an EGTEA Gaze+ folder of which anything was recorded."""
     annotated = by_session(load_actions(root))
     annotations = file_hash(root / ANNOTATIONS)
@@ -112,7 +134,8 @@ def egtea_sessions(root: Path, say: Say = lambda _: None) -> list[Session]:
             say(f"{name}: no annotations, left out")
             continue
         values, valid = load_features(root, name)
-        stream, _, counts = session_stream(0, annotated[name], values, valid)
+        actions = [replace(one, label=naming.index(one.verb, f"{root}: {name}")) for one in annotated[name]]
+        stream, _, counts = session_stream(0, actions, values, valid, len(naming.vocabulary))
         if counts.after_the_recording:
             say(f"{name}: ends before {counts.after_the_recording} of {counts.onsets} annotated actions")
         places = (gaze_path(root, name), video_path(root, name), root / PACKS / f"{name}.npz")
@@ -136,7 +159,10 @@ def gaze_warnings(root: Path) -> list[str]:
 
 
 def pack_sessions(
-    folder: Path, spans: Callable[[Path], Sequence[Spanned] | None], say: Say = lambda _: None
+    folder: Path,
+    spans: Callable[[Path], Sequence[Spanned] | None],
+    say: Say = lambda _: None,
+    verbs: int = len(DEFAULT),
 ) -> list[Session]:
     """Feature packs NAME.npz with their labels NAME.labels.csv beside them; the person is the name up to the first `-`."""
     made = []
@@ -147,7 +173,7 @@ def pack_sessions(
             say(f"{path.name}: no {labels.name} beside it, left out")
             continue
         values, valid = read_pack(path)
-        stream = labelled_stream(0, own, values, valid, gaps_are_idle=False)
+        stream = labelled_stream(0, own, values, valid, gaps_are_idle=False, verbs=verbs)
         files = {path.name: file_hash(path), labels.name: file_hash(labels)}
         made.append(Session(path.stem, path.stem.split("-", 1)[0], stream, Origin.RECORDED, files))
     return made

@@ -26,6 +26,7 @@ from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.windows import STEPS
 from hilbridge.records import CameraFrame, GazeSample, HandTracks, StampSource
 from hilbridge.sensors.begaze import BegazeRecording, read_begaze
+from hilbridge.verbs import VERBS
 
 BEGAZE_FPS = 24.0
 LEAD_STEPS = 13  # 0.52 s: with onsets rounded to 40 ms a window never comes closer than the paper's 0.5 s
@@ -193,7 +194,11 @@ def _frames(video: Path) -> Iterator[CameraFrame]:
 
 
 def session_stream(
-    subject: int, actions: Sequence[Action], values: NDArray[np.float32], valid: NDArray[np.bool_]
+    subject: int,
+    actions: Sequence[Action],
+    values: NDArray[np.float32],
+    valid: NDArray[np.bool_],
+    verbs: int = len(VERBS),
 ) -> tuple[Stream, NDArray[np.int64], Discards]:
     """A session's stream, the ends of its windows (2 s, ending 0.5 s before each onset) and the discards.
 
@@ -201,7 +206,7 @@ def session_stream(
     """
     steps = len(values)
     spans = [Spanned(action.start_ms, action.end_ms, action.label) for action in actions]
-    stream = labelled_stream(subject, spans, values, valid, gaps_are_idle=True)
+    stream = labelled_stream(subject, spans, values, valid, gaps_are_idle=True, verbs=verbs)
     onsets = np.array([round(action.start_ms * RATE_HZ / 1000.0) for action in actions])
     labels = np.array([action.label for action in actions])
     ends = onsets - LEAD_STEPS

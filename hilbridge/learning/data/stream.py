@@ -33,6 +33,11 @@ class Stream:
     def __len__(self) -> int:
         return len(self.label)
 
+    @property
+    def verbs(self) -> int:
+        """K."""
+        return int(self.bayes.shape[1])
+
     def right(self, verb: NDArray[np.int64]) -> NDArray[np.bool_]:
         """(N,) whether `verb` (N,) is right at each step: `core.right` over arrays, -1 for nothing; tests compare."""
         prepared = np.where(self.event >= 0, self.label, -1)

@@ -19,6 +19,8 @@ from hilbridge.learning.calibrators import Method
 from hilbridge.learning.certificate.study import study
 from hilbridge.learning.experiments import tables
 from hilbridge.learning.experiments.benchmark import Plan, network_path, people, run_network
+from hilbridge.learning.experiments.beyond.paper_folds import FOLDS, run_fold
+from hilbridge.learning.experiments.beyond.sections import estimator_sections, paper_section
 from hilbridge.learning.experiments.closed_loop import (
     closed_loop_table,
     history_loop_table,
@@ -97,6 +99,11 @@ def synthetic_sections(work: Path, plan: Plan, workers: int, comparators: bool, 
     say(f"training {len(kinds)} networks: {', '.join(kinds)} (their logs: {work}/network-*/train.csv)")
     _all(workers, "training networks", run_network, [(plan, work, kind) for kind in kinds])
 
+    say("training the paper's recipe, three folds of people")
+    paper = _all(
+        workers, "training by the paper's recipe", run_fold, [(work, fold, *plan.paper) for fold in range(FOLDS)]
+    )
+
     def kept(*wanted: str) -> list[tables.Fold]:
         return tables.load_folds([network_path(plan, work, kind) for kind in wanted])
 
@@ -108,6 +115,8 @@ def synthetic_sections(work: Path, plan: Plan, workers: int, comparators: bool, 
         *_selective_sections(pooled, taught),
         *_loop_sections(pooled, say),
         *_other_sections(pooled, members, plan),
+        *estimator_sections(pooled, members.get("ensemble", ())),
+        paper_section(sorted(paper)),
     ]
     return [target_section(sections), *sections]
 

@@ -25,6 +25,7 @@ from hilbridge.learning.data.windows import Statistics
 from hilbridge.learning.training.fit import fit_temperature
 from hilbridge.learning.training.replay import Replay, Watched, conditions, replay, stream_logits, watch, with_taus
 from hilbridge.records import Modality
+from hilbridge.verbs import DEFAULT, Vocabulary
 
 Floats = NDArray[np.float64]
 Flags = NDArray[np.bool_]
@@ -116,16 +117,22 @@ def logits_by_loss(
     return [stream_logits(weights, stream, statistics, lost) for lost in losses]
 
 
-def calibrate(logits: Sequence[Floats], stream: Stream, losses: Sequence[tuple[Modality, ...]] = LOSSES) -> Calibrated:
+def calibrate(
+    logits: Sequence[Floats],
+    stream: Stream,
+    losses: Sequence[tuple[Modality, ...]] = LOSSES,
+    vocabulary: Vocabulary = DEFAULT,
+) -> Calibrated:
     """Temperatures, maps and the replayed curve, from `logits_by_loss`. Raises ValueError where the gate never acts."""
+    gate = replace(GATE, vocabulary=vocabulary)
     under = [conditions(stream, lost) for lost in losses]
     temperatures = _temperatures(logits, [own & ALL_VALID for own in under], stream)
     parts = [
-        (watch(own, condition, stream.subject, temperatures, GATE), stream)
+        (watch(own, condition, stream.subject, temperatures, gate), stream)
         for own, condition in zip(logits, under, strict=True)
     ]
     maps = fit_maps(parts)
-    turns = cross_fitted(GATE, parts)
+    turns = cross_fitted(gate, parts)
     curve = replayed_curve(turns)
     if not curve:
         raise ValueError(

@@ -11,6 +11,7 @@ from rich.console import Console
 from rich.progress import Progress
 
 import hilbridge
+from hilbridge.core.gate import GateConfig
 from hilbridge.intent.bundle import Bundle, Thresholds, save_bundle
 from hilbridge.intent.gru import Weights
 from hilbridge.intent.provenance import Origin, Provenance
@@ -23,6 +24,7 @@ from hilbridge.learning.training.person import actions_of, fit_spread
 from hilbridge.learning.training.recipes import DEMO_RECIPE, Recipe
 from hilbridge.learning.training.replay import Replay, conditions, replay, stream_logits, watch, with_taus
 from hilbridge.learning.training.train import Trained, fit_network
+from hilbridge.verbs import DEFAULT, Vocabulary
 from hilbridge.wearer.timeline import BENCHMARK, DEMO, Difficulty
 
 DIFFICULTIES: Mapping[str, Difficulty] = {"demo": DEMO, "benchmark": BENCHMARK}
@@ -99,7 +101,13 @@ def network_weights(trained: Trained) -> Weights:
     return export_weights(trained.network, trained.logit_offset)
 
 
-def make_bundle(trained: Trained, fitted: Calibrated, precision: float, provenance: Provenance) -> Bundle:
+def make_bundle(
+    trained: Trained,
+    fitted: Calibrated,
+    precision: float,
+    provenance: Provenance,
+    vocabulary: Vocabulary = DEFAULT,
+) -> Bundle:
     """A network with its calibration; tau_on is the lowest from which on the replay reaches `precision`, or the highest."""
     weights = network_weights(trained)
     assert isinstance(trained.network, GruNetwork)
@@ -116,6 +124,7 @@ def make_bundle(trained: Trained, fitted: Calibrated, precision: float, provenan
         network_vectors(trained.network, trained.logit_offset, statistics.mean, statistics.std, STEPS),
         0.0,
         provenance,
+        vocabulary=vocabulary,
     )
     chosen = made.tau_for(precision)
     tau_on = made.thresholds.tau_on if chosen is None else chosen
@@ -140,9 +149,15 @@ def thresholds_at(tau_on: float) -> Thresholds:
 def replay_bundle(bundle: Bundle, people: Stream, tau_on: float | None = None) -> Replay:
     """How a bundle's gate fares on people; at its own threshold unless another is given."""
     logits = stream_logits(bundle.weights, people, Statistics(bundle.mean, bundle.std))
-    seen = watch(logits, conditions(people), people.subject, bundle.temperatures, GATE)
-    config = with_taus(GATE, bundle.thresholds.tau_on if tau_on is None else tau_on, TAU_BAND)
-    return replay(replace(config, maps=bundle.maps), seen, people)
+    gate = gate_of(bundle)
+    seen = watch(logits, conditions(people), people.subject, bundle.temperatures, gate)
+    config = with_taus(gate, bundle.thresholds.tau_on if tau_on is None else tau_on, TAU_BAND)
+    return replay(config, seen, people)
+
+
+def gate_of(bundle: Bundle) -> GateConfig:
+    """The gate as a bundle is calibrated for it; thresholds are the caller's to set."""
+    return replace(GATE, maps=bundle.maps, vocabulary=bundle.vocabulary)
 
 
 def versions() -> dict[str, str]:

@@ -26,7 +26,6 @@ from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.windows import STEPS, Statistics
 from hilbridge.limits import EARN_NS
 from hilbridge.records import FeatureVector, Modality
-from hilbridge.verbs import NEVER_ASSISTED
 
 Floats = NDArray[np.float64]
 Ints = NDArray[np.int64]
@@ -145,7 +144,7 @@ def watch(
     rank = (newest > own[:, None]).sum(axis=1)
     if veto is not None:
         vetoed |= veto
-    able = ~vetoed & (rank < config.top_k) & ~np.isin(candidate, list(NEVER_ASSISTED))
+    able = ~vetoed & (rank < config.top_k) & ~np.isin(candidate, list(config.vocabulary.never_assisted))
     return Watched(smoothed, candidate, able, vetoed, condition)
 
 

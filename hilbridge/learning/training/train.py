@@ -41,19 +41,19 @@ class Trained:
     last_weights: Mapping[str, torch.Tensor]
 
 
-def class_weights(labels: NDArray[np.int64], power: float) -> NDArray[np.float64]:
+def class_weights(labels: NDArray[np.int64], power: float, verbs: int = len(VERBS)) -> NDArray[np.float64]:
     """w_k proportional to freq(k)^-power with mean 1 over the training windows (K,)."""
-    counts = np.bincount(labels, minlength=len(VERBS)) + 1.0
+    counts = np.bincount(labels, minlength=verbs) + 1.0
     weights = (counts / counts.sum()) ** -power
     return np.asarray(weights / weights[labels].mean())
 
 
-def build(recipe: Recipe) -> Network:
+def build(recipe: Recipe, verbs: int = len(VERBS)) -> Network:
     """An untrained network of the recipe's architecture."""
     if recipe.architecture == "transformer":
-        return TransformerNetwork(dropout=recipe.dropout)
+        return TransformerNetwork(dropout=recipe.dropout, classes=verbs)
     if recipe.architecture == "gru":
-        return GruNetwork(inner=recipe.inner, hidden=recipe.hidden, dropout=recipe.dropout)
+        return GruNetwork(inner=recipe.inner, hidden=recipe.hidden, classes=verbs, dropout=recipe.dropout)
     raise ValueError(f"architecture {recipe.architecture!r}: must be gru or transformer")
 
 
@@ -76,9 +76,9 @@ def fit_network(
     torch.manual_seed(recipe.seed)
     ends, judged = windows or (window_ends(training), window_ends(validation, 12))
     statistics = training_statistics(training.values, training.valid)
-    weights = class_weights(training.label[ends], recipe.class_weight_power)
+    weights = class_weights(training.label[ends], recipe.class_weight_power, training.verbs)
     offset = -np.log(weights)
-    network = build(recipe)
+    network = build(recipe, training.verbs)
     optimiser = torch.optim.AdamW(network.parameters(), lr=recipe.learning_rate, weight_decay=recipe.weight_decay)
     schedule = torch.optim.lr_scheduler.CosineAnnealingLR(optimiser, recipe.epochs)
     average = deepcopy(network)
@@ -121,7 +121,7 @@ def predict_logits(
         for start in range(0, len(ends), batch):
             x, usable = gather(stream, ends[start : start + batch], statistics, lost)
             parts.append(network(torch.from_numpy(x), torch.from_numpy(usable)).numpy().astype(np.float64))
-    return np.concatenate(parts) if parts else np.zeros((0, len(VERBS)))
+    return np.concatenate(parts) if parts else np.zeros((0, network.head.out_features))
 
 
 class _Learner(NamedTuple):

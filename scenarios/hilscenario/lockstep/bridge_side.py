@@ -145,10 +145,10 @@ class BridgeSide:
         self.node.bridge.on_send_failed(bus_down=False)
 
     def _note(self, tick: Tick, now_ns: int) -> None:
-        row = with_truth(tick.row, judged(self._body.calm.truth(now_ns), tick.decision.verb_index))
+        row = with_truth(tick.row, judged(self._body.calm.truth(now_ns), tick.row.verb))
         self.ticks.append(row)
         if tick.belief is not None and self._log.is_recorded:
-            self._log.record(belief_row(tick.belief, now_ns))
+            self._log.record(belief_row(tick.belief, now_ns, self.node.decider.gate_config.vocabulary))
         self._log.record(row)
         self._log.put(now_ns, bridge_signals(row))
 

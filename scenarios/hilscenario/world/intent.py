@@ -5,12 +5,9 @@ from __future__ import annotations
 from hilbridge.intent.predictor import Predictor
 from hilbridge.records import FeatureVector, IntentEstimate
 from hilbridge.runtime.deciding import Predicts
-from hilbridge.verbs import VERBS
 from hilscenario.format.schema import Estimate, Scenario, Session
 from hilscenario.world.parts import bundle
 from hilscenario.world.replayed import Believed
-
-NOTHING = 1.0 / len(VERBS)
 
 
 class Scripted:
@@ -21,12 +18,13 @@ class Scripted:
         self._start_ns = start_ns
 
     def step(self, vector: FeatureVector, produced_ns: int) -> IntentEstimate:
-        verb, confidence = 0, NOTHING
+        names = bundle().vocabulary.names
+        verb, confidence = 0, 1.0 / len(names)
         for estimate in self._script:
             if produced_ns - self._start_ns >= estimate.at:
-                verb, confidence = VERBS.index(estimate.verb), estimate.confidence
-        rest = (1.0 - confidence) / (len(VERBS) - 1)
-        probabilities = tuple(confidence if index == verb else rest for index in range(len(VERBS)))
+                verb, confidence = names.index(estimate.verb), estimate.confidence
+        rest = (1.0 - confidence) / (len(names) - 1)
+        probabilities = tuple(confidence if index == verb else rest for index in range(len(names)))
         return IntentEstimate(
             vector.oldest_input_ns, produced_ns, probabilities, verb, confidence, bundle().bundle_id, vector.valid
         )

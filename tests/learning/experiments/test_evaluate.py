@@ -28,6 +28,7 @@ PLAN = Plan(
     overfit=replace(TINY, epochs=4, label_smoothing=0.0, learning_rate=1e-2),
     overfit_people=1,
     certificates=2,
+    paper=(40.0, replace(TINY, epochs=1), 8, 2),
 )
 KEYS = {
     "targets",
@@ -46,6 +47,9 @@ KEYS = {
     "tremor",
     "comparators",
     "certificates",
+    "estimators",
+    "estimators_thresholds",
+    "paper_recipe",
 }
 
 

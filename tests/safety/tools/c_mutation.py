@@ -1,61 +1,76 @@
-"""Mutants of the C controller: each compiled into an extension of its own and held against the reference by the twin run.
+"""Mutants of the C controller: each compiled into an extension of its own and driven through sequences of the twin run.
 
 A mutant is killed where a number differs, where it crashes or hangs, and where a vector of AES is wrong. Survivors of that go
-through the tests that both controllers share. Who survives these, too, must be argued in equivalent_c_mutants.json.
+through the fuzzer with its sanitizers, since a step beyond an array often changes no number, then through the tests that both
+controllers share. Who survives these, too, must be argued in equivalent_c_mutants.json.
 """
 
 from __future__ import annotations
 
+import importlib.util
 import json
+import os
 import random
+import shutil
+import signal
 import subprocess
 import sys
 import sysconfig
 import tempfile
+import time
 from collections import Counter
 from pathlib import Path
 
+from firmware_sim.memory import Refusal
+from firmware_sim.states import Reason, State
 from tests.safety.table import Row, Scale
 from tests.safety.tools.c_mutants import CMutant, mutants
+from tests.safety.tools.traces import Trace, is_other, taken
 
 ROOT = Path(__file__).resolve().parents[3]
 HOME = ROOT / "firmware_sim" / "c"
 EQUIVALENT = Path(__file__).resolve().parents[1] / "equivalent_c_mutants.json"
 FILES = tuple(sorted(path.name for path in HOME.glob("ctl_*.c") if path.name != "ctl_tables.c"))
 _FLAGS = ("-std=c11", "-O1", "-w", "-fPIC", f"-I{sysconfig.get_paths()['include']}", f"-I{HOME}")
-_TWIN_S, _TESTS_S = 60.0, 400.0
+_TRACES_S, _TESTS_S, _SANITIZED_S = 60.0, 400.0, 120.0
+_SEQUENCES = 300
+_SEED = 7
+_ENDED = {0: "alive", 3: "killed"}
+_SANITIZED_RUNS = 5_000
 _TESTS = ("c/test_crypto.py", "test_corners.py", "test_arming.py", "test_commands.py", "test_deadlines.py", "test_edges.py",
           "test_latches.py")  # fmt: skip
+KILLED = 3
 PROVES = """
 import sys
 sys.path.insert(0, {root!r})
-from tests.safety.tools.c_mutation import judge
-sys.exit(judge({made!r}, {how!r}))
+from tests.safety.tools.c_mutation import tested
+sys.exit(tested({made!r}))
 """
-KILLED = 3
 
 
-def judge(made: str, how: str) -> int:
-    """In a process of its own, with the mutant in the extension's place: KILLED, or 0."""
+def tested(made: str) -> int:
+    """In a process of its own, with the mutant in the extension's place: KILLED by the tests, or 0."""
+    import pytest
+
     from tests.tools.c_coverage import loaded
 
     loaded(Path(made))
-    if how == "twin":
-        from tests.safety.tools.twin import quick_difference
-
-        return KILLED if _wrong_vectors() or quick_difference() is not None else 0
-    import pytest
-
     names = [str(ROOT / "tests" / "firmware_sim" / name) for name in _TESTS]
     code = pytest.main(["-q", "-x", "-p", "no:cacheprovider", "-p", "no:xdist", "-k", "c and not python", *names])
     return KILLED if code else 0
 
 
-def _wrong_vectors() -> bool:
-    from firmware_sim.c import _native
-
+def _compared(made: Path, traces: list[Trace]) -> int:
+    """The same, by the traces."""
+    spec = importlib.util.spec_from_file_location("firmware_sim.c._native", made)
+    assert spec is not None
+    assert spec.loader is not None
+    native = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(native)
+    native.use_members(tuple(State), tuple(Reason), tuple(Refusal))
     key, block = bytes(range(16)), bytes.fromhex("00112233445566778899aabbccddeeff")
-    return bool(_native.aes128(key, block).hex() != "69c4e0d86a7b0430d8cdb78070b4c55a")
+    wrong = native.aes128(key, block).hex() != "69c4e0d86a7b0430d8cdb78070b4c55a"
+    return KILLED if wrong or is_other(native.Controller, traces) else 0
 
 
 def built(name: str, mutant: CMutant, folder: Path, objects: dict[str, Path]) -> Path | None:
@@ -72,14 +87,58 @@ def built(name: str, mutant: CMutant, folder: Path, objects: dict[str, Path]) ->
     return made
 
 
-def fate(made: Path, how: str, limit_s: float) -> str:
-    """killed, crashed, hung or alive."""
-    words = [sys.executable, "-c", PROVES.format(root=str(ROOT), made=str(made), how=how)]
+def by_traces(made: Path | None, traces: list[Trace]) -> str:
+    """killed, crashed, hung or alive, in a process of its own; not compiled where nothing was made."""
+    if made is None:
+        return "not compiled"
+    child = os.fork()
+    if child == 0:
+        code = 1
+        try:
+            code = _compared(made, traces)
+        finally:
+            os._exit(code)
+    ends_s = time.monotonic() + _TRACES_S
+    while time.monotonic() < ends_s:
+        done, status = os.waitpid(child, os.WNOHANG)
+        if done:
+            return _ENDED.get(os.waitstatus_to_exitcode(status), "crashed")
+        time.sleep(0.005)
+    os.kill(child, signal.SIGKILL)
+    os.waitpid(child, 0)
+    return "hung"
+
+
+def by_tests(made: Path) -> str:
+    """The same, by the tests."""
+    words = [sys.executable, "-c", PROVES.format(root=str(ROOT), made=str(made))]
     try:
-        ended = subprocess.run(words, capture_output=True, timeout=limit_s, check=False, cwd=ROOT)
+        ended = subprocess.run(words, capture_output=True, timeout=_TESTS_S, check=False, cwd=ROOT)
     except subprocess.TimeoutExpired:
         return "hung"
-    return {0: "alive", KILLED: "killed"}.get(ended.returncode, "crashed")
+    return _ENDED.get(ended.returncode, "crashed")
+
+
+def is_undefined(name: str, mutant: CMutant, folder: Path) -> bool:
+    """Whether the sanitizers object to the mutant: memory that is not its own, arithmetic that C does not define."""
+    source, fuzzer = folder / name, folder / "fuzz"
+    source.write_text(mutant.source, encoding="utf-8")
+    others = [str(path) for path in sorted(HOME.glob("ctl_*.c")) if path.name != name]
+    words = ["clang", "-std=c11", "-O1", "-w", "-fsanitize=fuzzer,address,undefined", "-fno-sanitize-recover=all"]
+    words += [f"-I{HOME}", str(source), *others, str(HOME / "tools" / "fuzz.c"), "-o", str(fuzzer)]
+    if shutil.which("clang") is None or subprocess.run(words, capture_output=True, check=False).returncode:
+        return False
+    try:
+        told = subprocess.run(
+            [str(fuzzer), f"-runs={_SANITIZED_RUNS}", "-max_len=80", "-seed=1"],
+            capture_output=True,
+            timeout=_SANITIZED_S,
+            check=False,
+            cwd=folder,
+        )
+    except subprocess.TimeoutExpired:
+        return False
+    return told.returncode != 0
 
 
 def run(scale: Scale) -> list[Row]:
@@ -92,17 +151,21 @@ def run(scale: Scale) -> list[Row]:
     drawn = chance.sample(everything, count) if count < len(everything) else everything
     fates: Counter[str] = Counter()
     survivors: list[str] = []
+    traces = taken(scale.of(_SEQUENCES, 40), _SEED)
     with tempfile.TemporaryDirectory() as folder:
         objects = _objects(Path(folder))
+        control = by_traces(built(FILES[0], right(FILES[0]), Path(folder), objects), traces)
         for name, one in drawn:
             key = f"{name} {one.key}"
             if key in known:
                 fates["argued"] += 1
                 continue
             made = built(name, one, Path(folder), objects)
-            end = "not compiled" if made is None else fate(made, "twin", _TWIN_S)
+            end = by_traces(made, traces)
+            if end == "alive" and is_undefined(name, one, Path(folder)):
+                end = "undefined"
             if made is not None and end == "alive":
-                end = fate(made, "tests", _TESTS_S)
+                end = by_tests(made)
             fates[end] += 1
             if end == "alive":
                 survivors.append(f"{key} (line {one.line})")
@@ -112,8 +175,14 @@ def run(scale: Scale) -> list[Row]:
     )
     return [
         Row("mutation_c", "every mutant of the C is killed or argued", told, not survivors),
+        Row("mutation_c", "control: the C as it is", control, control == "alive"),
         Row("mutation_c", "every argument is of a mutant that is there", f"{len(known)} argued", known.keys() <= keys),
     ]
+
+
+def right(name: str) -> CMutant:
+    """The file as it is."""
+    return CMutant("control", 0, (HOME / name).read_text(encoding="utf-8"))
 
 
 def _objects(folder: Path) -> dict[str, Path]:

@@ -9,12 +9,14 @@ from __future__ import annotations
 import math
 import random
 from collections import Counter
+from typing import TypeVar
 
 from firmware_sim import e2e, frames, secoc
 from firmware_sim.c import binding
 from firmware_sim.c.flat import Flattener, flat
 from firmware_sim.controller import advance
 from firmware_sim.memory import ControllerState, Inputs, Received
+from firmware_sim.profiles import profile
 from firmware_sim.states import State
 from firmware_sim.watchdogs import Limits
 from tests.safety.hand import BRIDGE_NONCE, DEVICE_NONCE, KEY, Hand
@@ -34,7 +36,41 @@ _IDS = (
 _EXTREMES = (-(2**31), 2**31 - 1, 0, 200_001, -40_001, 700_000)
 # What lasts, from some moment of a sequence on: no heartbeat, a stuck motor, an arm that leaves its range, commands between
 # an ACT and its authorisation, encoders apart for some ticks, a session as old as its freshness allows.
-_LASTING = ("", "", "", "heartless", "stuck", "adrift", "pairs", "flood", "apart", "old")
+_LASTING = (
+    "",
+    "",
+    "",
+    "heartless",
+    "stuck",
+    "adrift",
+    "pairs",
+    "flood",
+    "apart",
+    "old",
+    "scrambled",
+    "scrambled",
+    "scrambled",
+)
+# What of the law's memory is scrambled, and between which bounds both sides hold it.
+_SCRAMBLED = {
+    **dict.fromkeys(("slow_mean", "second_mean"), (-300_000 << 10, 300_000 << 10)),
+    **dict.fromkeys(("user_mean",), (-40_000_000 << 5, 40_000_000 << 5)),
+    **dict.fromkeys(("fast_mdeg_s",), (-300_000, 300_000)),
+    **dict.fromkeys(("wave_peak", "last_peak", "before_peak"), (0, 300_000)),
+    **dict.fromkeys(("wave_ticks", "last_ticks", "before_ticks"), (1, 1_000)),
+    **dict.fromkeys(("onset_ticks", "guide_tick", "contact_ticks", "fade_ticks"), (0, 950)),
+    **dict.fromkeys(("assist_ticks", "ramp_tick"), (0, 40)),
+    **dict.fromkeys(("gravity_tick",), (0, 500)),
+    **dict.fromkeys(("direction", "wave_up"), (-1, 1)),
+    **dict.fromkeys(("authority",), (0, 1_000)),
+    **dict.fromkeys(("gain_most",), (0, 5_000)),
+    **dict.fromkeys(("impulse",), (-15_000_000, 15_000_000)),
+    **dict.fromkeys(("work",), (0, 4_400_000)),
+    **dict.fromkeys(("guide_unm", "guide_from_unm"), (-50_000, 50_000)),
+    **dict.fromkeys(("damping_unm", "damping_from_unm"), (-2_500_000, 2_500_000)),
+    **dict.fromkeys(("gravity_unm", "gravity_from_unm", "gravity_top_unm"), (0, 1_000_000)),
+    **dict.fromkeys(("guide_from_mdeg",), (-30_000, 190_000)),
+}  # fmt: skip
 _READINGS = ("angle_mdeg", "second_angle_mdeg", "velocity_mdeg_s", "user_torque_unm", "measured_unm", "commanded_unm")
 
 
@@ -64,11 +100,12 @@ class Twin(Hand):
         self.off = self.steady = False
         self.lasting = rng.choice(_LASTING)
         self.since_ms = rng.randrange(200, 900)
+        if self.lasting == "scrambled":
+            self.wild, self.tremor = 0.0, rng.choice((0, 90_000))
 
-    def calm(self) -> Twin:
+    def calm(self) -> None:
         """A sequence in which nothing goes wrong but an ACT that never ends."""
         self.wild, self.lasting, self.verb, self.steady = 0.0, "", 4, True
-        return self
 
     def _lasts(self, what: str) -> bool:
         return self.lasting == what and self.now_ms >= self.since_ms
@@ -78,13 +115,56 @@ class Twin(Hand):
         for _ in range(ticks):
             if self.lasting == "old" and self.now_ms == self.since_ms:
                 self.freshness = self.state.freshness = 2**32 - 3
-                self.c.load(flat(self.state))
-            self._once(self._arriving(), self._inputs())
+                self._changed()
+            received, read = self._arriving(), self._inputs()
+            if self._lasts("scrambled") and self.rng.random() < 0.1:
+                self._scramble(read)
+                self._changed()
+            self._once(received, read)
+
+    def _changed(self) -> None:
+        """The reference's state was changed from outside: the C gets it, too."""
+        self.c.load(flat(self.state))
+
+    def _scramble(self, read: Inputs) -> None:
+        """Some memory of the law as no movement would leave it just now: at an edge, or one beside what it was."""
+        rng, torque = self.rng, self.state.torque
+        if rng.random() < 0.3:
+            read.velocity_mdeg_s = rng.choice((-2, -1, 0, 1, 2))
+        if rng.random() < 0.3:
+            torque.peaks = tuple(rng.choice((900_000, 1_000_000, 1_500_000)) for _ in torque.peaks)
+            if rng.random() < 0.8:
+                spot = rng.choice((0, 1, 2, rng.randrange(len(torque.peaks))))
+                torque.peaks = (*torque.peaks[:spot], rng.choice((0, 1, 100_000)), *torque.peaks[spot + 1 :])
+        if rng.random() < 0.3:  # a strong tremor, and full damping against it
+            half = profile(self.verb).half_wave_ms
+            ticks = [max(1, rng.choice((40, 40, half - 1, half, half + 1))) for _ in range(3)]
+            torque.wave_ticks, torque.last_ticks, torque.before_ticks = ticks
+            torque.last_peak = torque.before_peak = torque.gain_most = 300_000
+            torque.damping_unm = rng.choice((1, -1)) * rng.choice((895_000, 950_000, 1_100_000))
+            read.velocity_mdeg_s = rng.choice((1, -1)) * rng.choice((20_000, 25_000))
+        for name in rng.sample(tuple(_SCRAMBLED), rng.choice((1, 2, 6))):
+            least, most = _SCRAMBLED[name]
+            was = int(getattr(torque, name))
+            near = rng.choice((least, most, 0, 1, 2, -1, was + 1, was - 1, -was, was // 2, round(most / 3)))
+            if name == "slow_mean" and rng.random() < 0.5:  # what is above it is all but nothing
+                near = (read.velocity_mdeg_s + rng.choice((-2, -1, 0, 1, 2))) << 10
+            value = max(least, min(most, near))
+            setattr(torque, name, value > 0 if name == "wave_up" else value)
 
     def _once(self, received: tuple[Received, ...], inputs: Inputs) -> None:
         late = self.rng.random() < self.wild * 0.05
         self.now_ms += self.rng.choice((2, 4, 5, 6, 40, 300)) if late else 1
         inputs.frames = received
+        self._both(inputs)
+        for can_id, data in self.state.outbox:
+            if can_id == frames.CTRL_STATUS:
+                self.status_counter = data[2]
+        if self.state.armed and self.state.session != self.session:
+            self.session, self.key, self.freshness = self.state.session, self.state.key, 0
+        self.seen[self.state.state] += 1
+
+    def _both(self, inputs: Inputs) -> None:
         advance(self.state, inputs, self.now_ms)
         self.c.advance(inputs, self.now_ms)
         place = self.c.differs(self.flattener(self.state))
@@ -92,12 +172,6 @@ class Twin(Hand):
             raise Differs(
                 f"tick {self.now_ms}, number {place}: {flat(self.state)[place]} here, {self.c.dump()[place]} in C"
             )
-        for can_id, data in self.state.outbox:
-            if can_id == frames.CTRL_STATUS:
-                self.status_counter = data[2]
-        if self.state.armed and self.state.session != self.session:
-            self.session, self.key, self.freshness = self.state.session, self.state.key, 0
-        self.seen[self.state.state] += 1
 
     def _inputs(self) -> Inputs:
         """An arm that swings as its sequence does, and what sensors, motor and hands may make of it."""
@@ -229,21 +303,28 @@ class Twin(Hand):
                 return Received(can_id, e2e.protect(can_id, rng.randbytes(8), counter))
 
 
+AnyTwin = TypeVar("AnyTwin", bound=Twin)
+
+
+def sequence_of(kind: type[AnyTwin], seed: int, number: int) -> tuple[AnyTwin, int]:
+    """What a sequence of that number is, and how many ticks it has."""
+    rng = random.Random(seed * 1_000_003 + number)
+    twin = kind(rng)
+    length = rng.choice(_LENGTHS)
+    if number % 200 == 0:
+        twin.calm()
+        length = 14_000
+    return twin, length
+
+
 def _sequence(seed: int, number: int) -> tuple[Twin, str | None]:
     """One sequence from its number, and where the two differ."""
-    rng = random.Random(seed * 1_000_003 + number)
-    twin = Twin(rng) if number % 200 else Twin(rng).calm()
-    length = rng.choice(_LENGTHS) if number % 200 else 14_000
+    twin, length = sequence_of(Twin, seed, number)
     try:
         twin.go(length)
     except Differs as differs:
         return twin, f"sequence {number}, {differs}"
     return twin, None
-
-
-def quick_difference(sequences: int = 250, seed: int = 7) -> str | None:
-    """The first difference in so many sequences, the long one last."""
-    return next((found for n in range(sequences, 0, -1) if (found := _sequence(seed, n % sequences)[1])), None)
 
 
 def run(scale: Scale) -> list[Row]:
