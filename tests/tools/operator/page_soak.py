@@ -66,13 +66,13 @@ class Grown:
         return self.problems + [f"{n} grew by {by}" for n, by in self.growth().items() if by > LIMITS[n]]
 
 
-def resident_mb(process_id: int) -> float:
-    """Of one process; 0 where it has gone."""
+def memory_mb(process_id: int) -> float:
+    """What one process holds that is no file's; 0 where it has gone."""
     try:
-        pages = int(Path(f"/proc/{process_id}/statm").read_text(encoding="ascii").split()[1])
+        lines = Path(f"/proc/{process_id}/status").read_text(encoding="utf-8").splitlines()
     except OSError:
         return 0.0
-    return pages * os.sysconf("SC_PAGESIZE") / 1e6
+    return sum(int(line.split()[1]) for line in lines if line.startswith(("RssAnon", "RssShmem"))) / 1e3
 
 
 def with_children(process_id: int) -> list[int]:
@@ -210,8 +210,8 @@ def _look(
             grown.reloads += 1
         pages.wait(every_s)
         pages.sample(grown)
-        grown.server_mb.append(resident_mb(server))
-        grown.browser_mb.append(sum(map(resident_mb, with_children(browser))))
+        grown.server_mb.append(memory_mb(server))
+        grown.browser_mb.append(sum(map(memory_mb, with_children(browser))))
         grown.pictures += pages.pictures()
 
 
