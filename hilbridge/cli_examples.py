@@ -19,7 +19,7 @@ EXAMPLES = {
     "doctor": "hilbridge doctor --bus can0 --camera 0",
     "evaluate": "hilbridge evaluate --data synthetic --workers 2",
     "export": "hilbridge export out/demo/recording.mcap --to blf",
-    "export-onnx": "hilbridge export-onnx --out out/bundle.onnx",
+    "export-onnx": "hilbridge export-onnx mine.safetensors --out mine.onnx",
     "fetch-models": "hilbridge fetch-models",
     "forget": "hilbridge forget P-07 recordings/ --yes",
     "import": "hilbridge import drive.blf drive.mcap",

@@ -158,7 +158,7 @@ def data_simulate(
     out: Annotated[Path, typer.Argument(help="folder for the recordings")],
     people: Annotated[int, typer.Option(min=1, help="how many")] = 12,
     seconds: Annotated[float, typer.Option(min=10.0, help="of each")] = 60.0,
-    wearer: Annotated[str, typer.Option(help="demo or benchmark")] = "demo",
+    wearer: Annotated[str, typer.Option(help="demo, benchmark, demo-hidden or benchmark-hidden")] = "demo",
     seed: Annotated[int, typer.Option(min=0, help="of the first person")] = 30_000,
 ) -> None:
     """Write simulated people as labelled recordings, to try training on people. Their origin says simulated."""

@@ -154,6 +154,7 @@ class HoldReason(StrEnum):
     NOT_ARMED = "not_armed"
     DEVICE_NOT_READY = "device_not_ready"  # armed, but awaiting its three HOLDs or ramping down
     TREMOR = "tremor"
+    DRIFT = "drift"  # confidence is not what it was for the bundle's people; until the bridge starts anew
     VERB_NOT_ASSISTED = "verb_not_assisted"
     REFRACTORY = "refractory"
     VERB_CHANGE = "verb_change"

@@ -117,3 +117,15 @@ def vocabulary_of(rows: Iterable[tuple[str, bool]]) -> Vocabulary:
     named = [(_SPELT.get(verb.casefold(), verb), may) for verb, may in rows]
     never = frozenset(index for index, (_, may) in enumerate(named) if not may)
     return Vocabulary(tuple(verb for verb, _ in named), never)
+
+
+def stored_vocabulary(names: object, assisted: object) -> Vocabulary:
+    """From two lists of names as a file has them; what is not called assisted is not. Raises ValueError."""
+    if not (isinstance(names, list) and isinstance(assisted, list)):
+        raise ValueError("its vocabulary is no list of names")
+    if not all(isinstance(name, str) for name in (*names, *assisted)):
+        raise ValueError("its vocabulary is no list of names")
+    made = vocabulary_of((name, name in assisted) for name in names)
+    if list(made.names) != names or list(made.assisted) != assisted:
+        raise ValueError(f"it would have {assisted} assisted, which its verbs {names} do not allow")
+    return made

@@ -39,6 +39,8 @@ class GateConfig:
     max_age_ns: oldest input an ACT may stand on (the contract: 150 ms).
     maps: from smoothed probability to confidence, of the bundle in use.
     vocabulary: the bundle's verbs, and which of them may be assisted on this bus.
+    usual: between which bounds the mean confidence of the bundle's people lay, and under which condition; None where it does
+    not say.
 
     Raises ValueError naming the field, its value and what is allowed.
     """
@@ -51,11 +53,12 @@ class GateConfig:
     max_age_ns: int = SENSING_LIMIT_NS
     maps: ConfidenceMaps = field(default_factory=ConfidenceMaps)
     vocabulary: Vocabulary = DEFAULT
+    usual: tuple[float, float, int] | None = None
 
     def settings(self) -> dict[str, Any]:
-        """Its numbers by name; maps and vocabulary are the bundle's."""
+        """Its numbers by name; maps, vocabulary and what is usual are the bundle's."""
         numbers = asdict(self)
-        del numbers["maps"], numbers["vocabulary"]
+        del numbers["maps"], numbers["vocabulary"], numbers["usual"]
         return numbers
 
     def __post_init__(self) -> None:

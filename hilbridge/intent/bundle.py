@@ -25,12 +25,13 @@ from hilbridge.features.layout import LAYOUT_HASH, D
 from hilbridge.files import write_whole
 from hilbridge.intent.calibration import checked_temperatures
 from hilbridge.intent.gru import Weights
+from hilbridge.intent.online import ConfidenceDrift, Usual
 from hilbridge.intent.provenance import Provenance, provenance_of
 from hilbridge.intent.vectors import MAX_DIFFERENCE, WINDOWS, Vectors, largest_difference
-from hilbridge.verbs import DEFAULT, VERBS, Vocabulary, vocabulary_of
+from hilbridge.verbs import DEFAULT, VERBS, Vocabulary, stored_vocabulary
 
-# Since 2 with test vectors, since 3 with maps of what the gate compares, a curve and a sealed record, since 4 with any
-# vocabulary; a bundle of the default one is written as 3, for bridges that know no other.
+# Since 3 with maps of what the gate compares, a curve and a sealed record, since 4 with any vocabulary; a bundle of the
+# default one is written as 3, for bridges that know no other.
 FORMAT, DEFAULT_FORMAT = 4, 3
 MAX_BYTES = 64 << 20
 MAX_HIDDEN = 1024
@@ -86,6 +87,7 @@ class Bundle:
     rising tau_on, where it acts. vectors: what the network gave when it was trained; `load_bundle` compares.
     person_spread: standard deviation over people of the log odds of being right; `hilbridge adapt` leans on it.
     vocabulary: what the classes are called, and which may be assisted.
+    usual: bounds of the mean confidence of the people it was calibrated on (`online.ConfidenceDrift`).
     doubt: why the provenance that the file holds (or does not hold) cannot be believed.
     """
 
@@ -103,6 +105,7 @@ class Bundle:
     doubt: str | None = None
     bundle_id: int = 0
     vocabulary: Vocabulary = DEFAULT
+    usual: Usual | None = None
 
     def tau_for(self, precision: float) -> float | None:
         """The lowest tau_on from which on the replayed gate reaches `precision`; None where none does."""
@@ -140,6 +143,8 @@ def save_bundle(bundle: Bundle, path: Path) -> Path:
         "person_spread": bundle.person_spread,
         "provenance": None if bundle.provenance is None else bundle.provenance.as_json(),
     }
+    if bundle.usual is not None:
+        metadata["usual"] = list(bundle.usual)
     if bundle.vocabulary != DEFAULT:
         metadata |= {"format": FORMAT, "assisted": list(bundle.vocabulary.assisted)}
     metadata["seal"] = seal_of(tensors, metadata)
@@ -217,7 +222,8 @@ def _assemble(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any], 
     window_steps = metadata["window_steps"]
     if not isinstance(window_steps, int) or not 2 <= window_steps <= 250:
         raise BundleError(f"window of {window_steps!r} steps, expected 2 to 250")
-    vocabulary = _vocabulary(metadata)
+    is_default = metadata["format"] == DEFAULT_FORMAT
+    vocabulary = DEFAULT if is_default else stored_vocabulary(metadata["verbs"], metadata["assisted"])
     arrays = _checked(tensors, window_steps, len(vocabulary))
     weights = Weights(**{name: arrays[name] for name in TENSORS})
     vectors = Vectors(arrays["vector_values"], arrays["vector_valid"] > 0, arrays["vector_logits"])
@@ -243,20 +249,17 @@ def _assemble(tensors: Mapping[str, NDArray[Any]], metadata: Mapping[str, Any], 
         doubt,
         bundle_id,
         vocabulary,
+        _usual(metadata.get("usual")),
     )
 
 
-def _vocabulary(metadata: Mapping[str, Any]) -> Vocabulary:
-    """Raises BundleError or ValueError. What the file does not say may be assisted is not."""
-    if metadata["format"] == DEFAULT_FORMAT:
-        return DEFAULT
-    names, assisted = metadata["verbs"], metadata["assisted"]
-    if not all(isinstance(one, list) and all(isinstance(name, str) for name in one) for one in (names, assisted)):
-        raise BundleError("its vocabulary is no list of names")
-    made = vocabulary_of((name, name in assisted) for name in names)
-    if list(made.names) != names or list(made.assisted) != assisted:
-        raise BundleError(f"it would have {assisted} assisted, which its verbs {names} do not allow")
-    return made
+def _usual(raw: Any) -> Usual | None:
+    if raw is None:
+        return None
+    low, high, condition = raw
+    return ConfidenceDrift(
+        Usual(float(low), float(high), int(condition))
+    ).usual  # raises ValueError for bounds that are none
 
 
 def _provenance(

@@ -10,6 +10,7 @@ import numpy as np
 
 from hilbridge.errors import InputError
 from hilbridge.intent.bundle import load_bundle, save_bundle
+from hilbridge.intent.online import Usual
 from hilbridge.learning.data.people import Naming
 from hilbridge.learning.data.stream import join
 from hilbridge.learning.training.make_bundle import replay_bundle
@@ -47,6 +48,11 @@ class Adapted:
         return [*made, f"bundle: {self.written}"]
 
 
+def _only_above(usual: Usual | None) -> Usual | None:
+    """A wearer whose confidences are moved down is not suspected of low ones."""
+    return None if usual is None else usual._replace(low=0.0)
+
+
 def adapt(bundle_path: Path, data: Sequence[Path], out: Path, say: Say = lambda _: None) -> Adapted:
     """Learn from labelled sessions of one person. Raises InputError for sessions of several, or a bundle that cannot adapt."""
     bundle = load_bundle(bundle_path)
@@ -69,7 +75,8 @@ def adapt(bundle_path: Path, data: Sequence[Path], out: Path, say: Say = lambda 
     if record is not None and bundle.doubt is None:
         adapted = {"actions": len(own.right), "intercept": round(used, 4), "files": len(sessions)}
         record = replace(record, figures={**record.figures, "adapted_to_one_wearer": adapted})
-    written = save_bundle(
-        replace(bundle, maps=shifted(bundle.maps, used) if used < 0.0 else bundle.maps, provenance=record), out
+    careful = (
+        replace(bundle, maps=shifted(bundle.maps, used), usual=_only_above(bundle.usual)) if used < 0.0 else bundle
     )
+    written = save_bundle(replace(careful, provenance=record), out)
     return Adapted(people[0], len(own.right), int(own.right.sum()), intercept, spread, used, written)

@@ -51,7 +51,8 @@ def settings_for(
     values = {key: value for key, value in values.items() if key in known} | _laid_over(what_if)
     try:
         own_verbs = _never_assisted(loaded, config.settings["gate_in_force"])
-        return Settings(GateConfig(**values, maps=loaded.maps, vocabulary=own_verbs), loaded, same, tuple(what_if))
+        of_bundle: dict[str, Any] = {"maps": loaded.maps, "vocabulary": own_verbs, "usual": loaded.usual}
+        return Settings(GateConfig(**values, **of_bundle), loaded, same, tuple(what_if))
     except (ValueError, TypeError) as error:
         raise InputError(f"replay of {name}: gate: {error}; give --what-if gate.tau_on=... that fits") from None
 

@@ -72,6 +72,7 @@ def gate_config(section: GateSection, bundle: Bundle) -> GateConfig:
             max_age_ns=section.max_age_ms * MS,
             maps=bundle.maps,
             vocabulary=bundle.vocabulary,
+            usual=bundle.usual,
         )
     except ValueError as error:
         raise InputError(f"gate: {error}; set both tau_on and tau_off (or neither: the bundle has them)") from None

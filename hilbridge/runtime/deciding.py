@@ -14,12 +14,24 @@ from hilbridge.core import gate
 from hilbridge.core.bridge import Command, sendable, sensing_age_ms
 from hilbridge.core.gate import GateConfig, GateState
 from hilbridge.core.sensing import Sensing
+from hilbridge.intent.online import ConfidenceDrift, Usual
 from hilbridge.limits import GAP_NS
 from hilbridge.records import FeatureVector, GateDecision, HoldReason, IntentEstimate
 
 # Nothing about the device goes before these two: a stop, and a fault that asks for somebody's hand.
 _FIRST = frozenset({HoldReason.STOPPED, HoldReason.DEVICE_FAULT})
 _UNSEEN = (False, False, False)
+# The gate compared a confidence: nothing outside it held.
+_LOOKED = frozenset(
+    {
+        HoldReason.NONE,
+        HoldReason.VERB_NOT_ASSISTED,
+        HoldReason.REFRACTORY,
+        HoldReason.VERB_CHANGE,
+        HoldReason.NOT_TOP_K,
+        HoldReason.CONFIDENCE,
+    }
+)
 
 
 class Predicts(Protocol):
@@ -63,6 +75,8 @@ class Decider:
         self._predict = predict
         self._tremor_guard = tremor_guard
         self._gap: HoldReason | None = None
+        usual = gate_config.usual
+        self._drift = None if usual is None else ConfidenceDrift(Usual(*usual))
 
     def step(self, told: Told) -> GateDecision:
         """One 25 Hz tick: the gate's wish."""
@@ -73,7 +87,14 @@ class Decider:
         self.gate_state, decision = gate.step(
             self.gate_config, self.gate_state, self.estimate, now_ns, self._veto(told), blind=self._gap
         )
+        if self._drift is not None and told.vector is not None and decision.reason in _LOOKED:
+            self._drift.update(decision.confidence, None if self.estimate is None else self.estimate.condition)
         return decision
+
+    @property
+    def drift(self) -> str | None:
+        """`above` or `below` what is usual for the bundle's people, once confidence has drifted there; None until then."""
+        return None if self._drift is None else self._drift.raised
 
     @property
     def seeing(self) -> FeatureVector | None:
@@ -134,7 +155,9 @@ class Decider:
             return unearned
         if told.outside is not HoldReason.NONE:
             return told.outside
-        return HoldReason.TREMOR if self.tremor or told.shaking else None
+        if self.tremor or told.shaking:
+            return HoldReason.TREMOR
+        return None if self.drift is None else HoldReason.DRIFT
 
 
 def decided(decider: Decider, told: Told, before: Command) -> tuple[GateDecision, Command]:

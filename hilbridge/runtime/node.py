@@ -117,6 +117,8 @@ class BridgeNode:
             trembling = decider.tremor or bool(shaking)
             said = "tremor in the hands" if trembling else "no tremor in the hands"
             self._say("tremor", trembling, now_ns, said)
+        if decider.drift is not None:
+            self._say("drift", decider.drift, now_ns, _drifted(decider.drift, decider.gate_config.usual))
         # Sensing that cannot be believed has no age: the device is told so, and falls back to following by itself.
         valid = decider.valid
         if problem is not None and decider.vector is not None:  # who looks on is told which sensor it is
@@ -169,6 +171,14 @@ class BridgeNode:
             device_state=None if device is None else device.state,
             armed=self.bridge.session.armed,
         )
+
+
+def _drifted(side: str, usual: tuple[float, float, int] | None) -> str:
+    bounds = "" if usual is None else f" ({usual[0]:.2f} to {usual[1]:.2f} on average)"
+    return (
+        f"drift: confidence is {side} what it was for the bundle's people{bounds}; HOLD until the bridge starts anew: check "
+        "the sensors, label sessions of this wearer and train or adapt"
+    )
 
 
 def _arming(session: Session) -> str:

@@ -181,7 +181,7 @@ class Wearer:
         for busy, share in ((segment.event, share_new), (self._previous(t_ns), 1.0 - share_new)):
             if busy is not None:
                 # Leaning in makes the object in use larger: so the picture tells its colour even without gaze.
-                scale[busy.cell[0]] += share * (0.35 + 1.0 * busy.clarity)
+                scale[busy.cell[0]] += share * (0.35 + 1.0 * busy.strength)
         picture = draw(self._size, self._places, scale, self._palms(t_ns), self._sway(t_ns))
         return CameraFrame(t_ns, picture, t_ns // (40 * MS), StampSource.HARDWARE, self._scene.palette)
 
@@ -225,7 +225,7 @@ class Wearer:
         if event is None:
             return REST
         goal = self._object(event)
-        extent = 0.4 + 0.6 * event.clarity
+        extent = 0.4 + 0.6 * event.strength
         hands = []
         for rest, reach in zip(REST, REACH[event.cell[1]], strict=True):
             if reach is None:

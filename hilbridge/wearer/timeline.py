@@ -9,7 +9,7 @@ exactly `a * [k = s] + (1 - a) * pi_k`: the difficulty is set by construction.
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib.resources import files
 
@@ -62,12 +62,21 @@ def statistics() -> Statistics:
 class Difficulty:
     """How clear preparations are: a mixture of uniform clarities, rows (weight, low, high).
 
-    interaction: True shows the frequent verbs so that colour and hand pattern only mean something together.
+    interaction: True shows the frequent verbs so that colour and hand pattern only mean something together. hidden: how far
+    hands reach and the head leans in says nothing of the clarity; else the clearer an intention is, the plainer it shows, and a
+    predictor reads its own confidence off the picture.
     """
 
     name: str
     mixture: tuple[tuple[float, float, float], ...]
     interaction: bool
+    hidden: bool = False
+
+    @property
+    def mean(self) -> float:
+        """Of the clarities."""
+        total = sum(weight for weight, _, _ in self.mixture)
+        return sum(weight * (low + high) / 2.0 for weight, low, high in self.mixture) / total
 
     def draw(self, rng: np.random.Generator) -> float:
         """One action's clarity, 0..1."""
@@ -87,18 +96,24 @@ BENCHMARK_TRAINING = Difficulty(
 DEMO = Difficulty("demo", ((0.7, 0.92, 0.99), (0.3, 0.0, 0.35)), interaction=False)
 
 
+def hiding(difficulty: Difficulty) -> Difficulty:
+    """The same people, whose clarity nobody can see."""
+    return replace(difficulty, name=f"{difficulty.name}-hidden", hidden=True)
+
+
 @dataclass(frozen=True, slots=True)
 class Event:
     """One action: prepared from `prepare_ns`, under way from `start_ns` to `end_ns`.
 
     `verb` is what the person does, `shown` what the preparation looks like, `clarity` the chance that they agree by
-    design, `cell` the (colour, hand pattern) that shows it.
+    design, `strength` how plainly it shows, 0..1, `cell` the (colour, hand pattern) that shows it.
     """
 
     index: int
     verb: int
     shown: int
     clarity: float
+    strength: float
     cell: tuple[int, int]
     prepare_ns: int
     start_ns: int
@@ -137,6 +152,7 @@ class Timeline:
 
     def __init__(self, seed: int, difficulty: Difficulty) -> None:
         self._rng = np.random.default_rng([seed, 1])
+        self._strength = np.random.default_rng([seed, 7])  # of its own: hiding changes nothing else of a person
         self._difficulty = difficulty
         self._events: list[Event] = []
 
@@ -170,6 +186,7 @@ class Timeline:
             verb,
             shown,
             clarity,
+            self._difficulty.draw(self._strength) if self._difficulty.hidden else clarity,
             cell,
             round(prepare_ms * MS),
             round(start_ms * MS),

@@ -3,7 +3,7 @@ import pytest
 
 from hilbridge.intent.calibration import softmax
 from hilbridge.intent.history import BelievedHistory, HistoryPrior
-from hilbridge.intent.online import DriftAlarm, OnlineTemperature
+from hilbridge.intent.online import BLOCK_TICKS, ConfidenceDrift, DriftAlarm, OnlineTemperature, Usual
 
 
 def actions(count, heat, seed):
@@ -96,3 +96,35 @@ def test_what_is_no_prior_is_refused(broken):
     given = {"transitions": np.eye(3), "start": np.full(3, 1 / 3), "marginal": np.full(3, 1 / 3), "trust": 0.5}
     with pytest.raises(ValueError):
         HistoryPrior(**{**given, **broken})
+
+
+def blocks(drift: ConfidenceDrift, means: np.ndarray, condition: int = 7) -> int | None:
+    """After how many blocks of these means the alarm is raised."""
+    for count, mean in enumerate(means, 1):
+        for _ in range(BLOCK_TICKS):
+            drift.update(float(mean), condition)
+        if drift.raised:
+            return count
+    return None
+
+
+def test_confidence_alone_raises_a_wearer_unlike_the_bundles_people_and_seldom_one_who_is_like_them():
+    usual = Usual(0.3, 0.5, 7)
+    rng = np.random.default_rng(3)
+    edge = [blocks(ConfidenceDrift(usual, 0.05), rng.choice([0.2, 0.8], 200)) for _ in range(80)]  # on average 0.5
+    assert sum(found is not None for found in edge) <= 8
+    high, low = ConfidenceDrift(usual), ConfidenceDrift(usual)
+    assert blocks(high, np.full(200, 0.8)) is not None
+    assert blocks(low, np.full(200, 0.05)) is not None
+    assert (high.raised, low.raised) == ("above", "below")
+    assert blocks(ConfidenceDrift(usual), np.full(400, 0.4)) is None
+
+
+def test_other_conditions_and_what_is_no_number_say_nothing_and_an_alarm_stays():
+    drift = ConfidenceDrift(Usual(0.3, 0.5, 7))
+    assert blocks(drift, np.full(100, 0.9), condition=5) is None
+    assert drift.update(float("nan"), 7) is None
+    assert blocks(drift, np.full(200, 0.9)) is not None
+    assert blocks(drift, np.full(50, 0.4)) == 1
+    with pytest.raises(ValueError, match="usual confidence"):
+        ConfidenceDrift(Usual(0.5, 0.3, 7))

@@ -92,6 +92,21 @@ def test_tremor_holds_and_a_gap_between_features_starts_anew() -> None:
     assert predictor.resets == 1
 
 
+def test_confidence_unlike_the_bundles_people_holds_until_the_bridge_starts_anew() -> None:
+    maps = ConfidenceMaps({condition_of(7): RisingMap((0.0, 1.0), (0.0, 0.95))})
+    gate = replace(GATE, maps=maps, usual=(0.2, 0.4, condition_of(7)))
+    decider = Decider(Measured(), gate, Calm())
+    ticks = [told(tick) for tick in range(25 * 600)]
+    found = run(decider, ticks)
+    assert decider.drift == "above"
+    first = found.index((Action.HOLD, HoldReason.DRIFT))
+    assert found[first - 1] == (Action.ACT, HoldReason.NONE)
+    assert set(found[first:]) == {(Action.HOLD, HoldReason.DRIFT)}
+    stopped = run(decider, [told(25 * 600, outside=HoldReason.STOPPED)])
+    assert stopped == [(Action.HOLD, HoldReason.STOPPED)]  # it never goes before what somebody must act on
+    assert run(Decider(Measured(), replace(gate, usual=(0.2, 0.99, 7)), Calm()), ticks)[-1][0] is Action.ACT
+
+
 def test_what_cannot_be_believed_has_no_age() -> None:
     decider = Decider(Sure(), GATE, Calm())
     assert (decider.seeing, decider.oldest_input_ns, decider.valid) == (None, None, (False, False, False))

@@ -10,8 +10,11 @@ from tests.safety import campaign, checking, harm, mutation
 from tests.safety.processes import hung
 from tests.safety.server import run as server
 from tests.safety.table import REFERENCE, Row, Scale
-from tests.safety.tools import c_fuzz, c_mutation, planted, twin
+from tests.safety.tools import planted
 from tests.safety.tools.branches import run as branches
+from tests.safety.tools.c import fuzz as c_fuzz
+from tests.safety.tools.c import mutation as c_mutation
+from tests.safety.tools.c import twin
 from tests.safety.wire import conformance, corruption, forgery, fuzz, replay
 
 PARTS = {

@@ -91,7 +91,7 @@ def main() -> int:
     import pytest
 
     from tests.safety.table import Scale, printed
-    from tests.safety.tools import twin
+    from tests.safety.tools.c import twin
 
     code = pytest.main(["-q", "-p", "no:cacheprovider", "-p", "no:xdist", *TESTS])
     rows = twin.run(Scale(share=float(sys.argv[2])))

@@ -18,7 +18,7 @@ from hilbridge.learning import metrics
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.synthetic import record_people
 from hilbridge.learning.data.windows import onset_ends
-from hilbridge.learning.experiments.benchmark import BENCHMARK_RECIPE, Plan, near_onset, people
+from hilbridge.learning.experiments.benchmark import BENCHMARK_RECIPE, Plan, near_onset
 from hilbridge.learning.training.gate_fit import GATE, TAU_BAND, Calibrated, calibrate
 from hilbridge.learning.training.make_bundle import network_weights
 from hilbridge.learning.training.replay import (
@@ -31,7 +31,7 @@ from hilbridge.learning.training.replay import (
     with_taus,
 )
 from hilbridge.learning.training.train import fit_network
-from hilbridge.wearer.timeline import BENCHMARK
+from hilbridge.wearer.timeline import BENCHMARK, BENCHMARK_TRAINING, hiding
 
 FIRST_SEED = 6_000
 TAUS = (0.5, 0.55, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9, 0.95)
@@ -68,20 +68,38 @@ def main(arguments: list[str]) -> int:
     parser.add_argument("--people", type=int, default=90, help="to judge")
     parser.add_argument("--fit", type=int, nargs="+", default=[90, 30, 15], help="to calibrate on")
     parser.add_argument("--seconds", type=float, default=240.0)
+    parser.add_argument(
+        "--clarity", choices=["visible", "hidden"], default="visible", help="whether it shows how clear one is"
+    )
+    parser.add_argument("--training", type=int, default=160, help="people to train on")
+    parser.add_argument("--training-seconds", type=float, default=900.0, help="of each, windows before onsets")
+    parser.add_argument("--epochs", type=int, default=BENCHMARK_RECIPE.epochs)
     chosen = parser.parse_args(arguments)
-    plan = Plan()
-    training, validation = (people(plan, part, chosen.work) for part in ("training", "validation"))
+    as_asked = hiding if chosen.clarity == "hidden" else lambda difficulty: difficulty
+    judged_people = as_asked(BENCHMARK)
+    seeds = Plan(training=chosen.training, seconds=chosen.training_seconds).seeds()
+    training, validation = (
+        record_people(seeds[part], as_asked(kind), chosen.training_seconds, chosen.work / "streams", whole_seconds=0.0)
+        for part, kind in (("training", BENCHMARK_TRAINING), ("validation", BENCHMARK))
+    )
     ends = near_onset(training), onset_ends(validation)
-    trained = fit_network(BENCHMARK_RECIPE, training, validation, chosen.work / "network", ends)
+    recipe = replace(BENCHMARK_RECIPE, epochs=chosen.epochs)
+    trained = fit_network(
+        recipe, training, validation, chosen.work / f"network-{chosen.clarity}-{chosen.training}", ends
+    )
     weights = network_weights(trained)
     most = max(chosen.fit)
-    seeds = range(FIRST_SEED, FIRST_SEED + most), range(FIRST_SEED + most, FIRST_SEED + most + chosen.people)
-    fit, judged = (record_people(part, BENCHMARK, chosen.seconds, chosen.work / "streams") for part in seeds)
+    parts = range(FIRST_SEED, FIRST_SEED + most), range(FIRST_SEED + most, FIRST_SEED + most + chosen.people)
+    fit, judged = (record_people(part, judged_people, chosen.seconds, chosen.work / "streams") for part in parts)
     fit_logits, logits = (stream_logits(weights, part, trained.statistics) for part in (fit, judged))
     for count in chosen.fit:
         some = fit.subject < FIRST_SEED + count
         lines = table(calibrate([fit_logits[some]], fit.part(some), ((),)), judged, logits)
-        sys.stdout.write("\n".join([f"{count} people to calibrate on, {chosen.people} to judge", *lines, ""]))
+        sys.stdout.write(
+            "\n".join(
+                [f"clarity {chosen.clarity}: {count} people to calibrate on, {chosen.people} to judge", *lines, ""]
+            )
+        )
     return 0
 
 

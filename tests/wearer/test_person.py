@@ -9,7 +9,7 @@ from hilbridge.limits import MS
 from hilbridge.verbs import VERBS
 from hilbridge.wearer.person import Wearer
 from hilbridge.wearer.shaking import Tremor
-from hilbridge.wearer.timeline import BENCHMARK, DEMO, bayes_posterior, cells, statistics
+from hilbridge.wearer.timeline import BENCHMARK, DEMO, Timeline, bayes_posterior, cells, hiding, statistics
 
 S = 1_000_000_000
 
@@ -118,3 +118,22 @@ def test_arm_velocity_is_the_derivative_of_the_angle():
     for t in range(2 * S, 6 * S, 333 * MS):
         rise = wearer.arm_intention(t + MS).angle_deg - wearer.arm_intention(t - MS).angle_deg
         assert wearer.arm_intention(t).velocity_deg_s == pytest.approx(rise / 0.002, abs=1.0)
+
+
+def test_hidden_clarity_shows_in_nothing_and_changes_nothing_else():
+    seen, hidden = (Timeline(5, one).until(1_200_000 * MS) for one in (BENCHMARK, hiding(BENCHMARK)))
+    plain = [(one.verb, one.shown, one.clarity, one.cell, one.prepare_ns, one.start_ns, one.end_ns) for one in seen]
+    assert plain == [(o.verb, o.shown, o.clarity, o.cell, o.prepare_ns, o.start_ns, o.end_ns) for o in hidden]
+    assert all(one.strength == one.clarity for one in seen)
+    clarity, strength = (np.array([getattr(one, name) for one in hidden]) for name in ("clarity", "strength"))
+    assert abs(np.corrcoef(clarity, strength)[0, 1]) < 4.0 / np.sqrt(len(hidden))
+    assert strength.std() > 0.2  # people still reach more or less far, for no reason
+
+
+def test_with_hidden_clarity_the_mean_is_all_that_can_be_believed():
+    shows = [
+        one.shown == one.verb for seed in range(12) for one in Timeline(seed, hiding(BENCHMARK)).until(900_000 * MS)
+    ]
+    prior = statistics().prior
+    expected = BENCHMARK.mean + (1.0 - BENCHMARK.mean) * float((prior**2).sum())
+    assert np.mean(shows) == pytest.approx(expected, abs=4.0 * 0.5 / np.sqrt(len(shows)))

@@ -70,7 +70,8 @@ def record(
         if busy is not None:
             stream.event[step] = busy.index
             stream.busy_steps[step] = (t_ns - busy.prepare_ns) // STEP_NS
-            stream.bayes[step] = bayes_posterior(busy.shown, busy.clarity, prior)
+            clear = difficulty.mean if difficulty.hidden else busy.clarity  # what is shown says nothing of a hidden one
+            stream.bayes[step] = bayes_posterior(busy.shown, clear, prior)
     return stream
 
 

@@ -20,10 +20,20 @@ from hilbridge.confidence import ALL_VALID, MASKS, TREMOR_SHIFT, ConfidenceMaps,
 from hilbridge.core.gate import GateConfig
 from hilbridge.intent.bundle import Replayed
 from hilbridge.intent.gru import Weights
+from hilbridge.intent.online import BLOCK_TICKS, Usual
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.windows import Statistics
 from hilbridge.learning.training.fit import fit_temperature
-from hilbridge.learning.training.replay import Replay, Watched, conditions, replay, stream_logits, watch, with_taus
+from hilbridge.learning.training.replay import (
+    Replay,
+    Watched,
+    conditions,
+    mapped,
+    replay,
+    stream_logits,
+    watch,
+    with_taus,
+)
 from hilbridge.records import Modality
 from hilbridge.verbs import DEFAULT, Vocabulary
 
@@ -108,6 +118,25 @@ class Calibrated:
     maps: ConfidenceMaps
     curve: tuple[Replayed, ...]
     turns: tuple[Turn, ...]
+
+    @property
+    def usual(self) -> Usual | None:
+        """Bounds of people's mean confidence; None of too few people who were seen for long enough."""
+        condition = int(np.bincount(np.concatenate([turn.seen.condition for turn in self.turns])).argmax())
+        means = [mean for turn in self.turns for mean in _mean_confidences(turn, condition)]
+        if len(means) < LEAST_PEOPLE or not condition:
+            return None
+        spread = float(np.std(means))
+        return Usual(max(0.0, min(means) - spread), min(1.0, max(means) + spread), condition)
+
+
+def _mean_confidences(turn: Turn, condition: int) -> list[float]:
+    """Of each person with a block or more at which the gate looked, as the running bridge does (`online.ConfidenceDrift`)."""
+    seen = turn.seen
+    looked = ~seen.vetoed & (seen.candidate >= 0) & (seen.condition == condition)
+    confidence = mapped(turn.gate.maps, seen.probability, seen.condition)
+    own = (confidence[looked & (turn.stream.subject == person)] for person in np.unique(turn.stream.subject))
+    return [float(one.mean()) for one in own if len(one) >= BLOCK_TICKS]
 
 
 def logits_by_loss(

@@ -125,6 +125,7 @@ def make_bundle(
         0.0,
         provenance,
         vocabulary=vocabulary,
+        usual=fitted.usual,
     )
     chosen = made.tau_for(precision)
     tau_on = made.thresholds.tau_on if chosen is None else chosen

@@ -75,7 +75,7 @@ class Reaches:
 
 def pose(event: Event) -> Pair:
     """Where an action takes both joints: the clearer, the further, as the hands in the picture."""
-    goal, extent = POSES.get(VERBS[event.verb], TABLE), 0.4 + 0.6 * event.clarity
+    goal, extent = POSES.get(VERBS[event.verb], TABLE), 0.4 + 0.6 * event.strength
     return REST[0] + extent * (goal[0] - REST[0]), REST[1] + extent * (goal[1] - REST[1])
 
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from tests.safety.tools.c_mutants import mutants
-from tests.safety.tools.c_mutation import EQUIVALENT, FILES, HOME
+from tests.safety.tools.c.mutants import mutants
+from tests.safety.tools.c.mutation import EQUIVALENT, FILES, HOME
 
 SOURCE = """/* a < b */
 static const int TABLE[2] = {1, 2};

@@ -13,13 +13,14 @@ import pytest
 from firmware_sim import frames
 from firmware_sim.c import binding, flat
 from firmware_sim.controller import advance
+from firmware_sim.law.memory import WINDOW_SLOTS
 from firmware_sim.memory import Command, ControllerState, Inputs, PendingAct, Received
 from firmware_sim.states import Reason, State
 from firmware_sim.watchdogs import Limits
 from tests.safety.hand import BOOT_NONCE, KEY, Hand
 from tests.safety.stepping import copied
 from tests.safety.table import Scale, printed
-from tests.safety.tools import twin
+from tests.safety.tools.c import twin
 
 pytestmark = pytest.mark.skipif(not binding.available(), reason="the C controller is not built")
 
@@ -136,6 +137,41 @@ def test_moments_that_no_sequence_comes_to() -> None:
     assert both(
         replace(ready, previous_mdeg=90_000), Inputs(angle_mdeg=90_000, second_angle_mdeg=90_000), now_ms
     ).follow_unm
+
+
+@pytest.mark.parametrize("spot", range(WINDOW_SLOTS))
+def test_damping_rises_from_the_least_of_the_whole_window(spot: int) -> None:
+    hand = Hand().to_assist()
+    state = copied(hand.state)
+    state.verb = 6
+    law = state.torque
+    law.assist_ticks = law.authority = 1_000
+    law.wave_ticks = law.last_ticks = law.before_ticks = 40
+    law.last_peak = law.before_peak = law.gain_most = 300_000
+    law.slow_mean = law.second_mean = law.slot_tick = 0
+    law.impulse = 2_000_000  # the other way, so that the leash is loose
+    law.wave_up, law.damping_unm = True, -950_000
+    law.peaks = tuple(1_500_000 * (at != spot) for at in range(WINDOW_SLOTS))
+    after = both(state, replace(hand.inputs, velocity_mdeg_s=25_000), hand.now_ms + 1)
+    assert after.torque.damping_unm == -900_000
+    law.peaks = (1_500_000,) * WINDOW_SLOTS
+    after = both(state, replace(hand.inputs, velocity_mdeg_s=25_000), hand.now_ms + 1)
+    assert after.torque.damping_unm < -930_000
+
+
+def test_the_last_micronewtonmetre_of_a_ramp() -> None:
+    """Assist of 1 uN m on either side is still on its way, 0 is not."""
+    hand = Hand().to_assist()
+    hand.tick(hand.hold())
+    assert hand.state.state is State.RAMP_DOWN
+    for before in (-1, 0, 1):
+        for guide, damping in ((0, 1_000), (0, -1_000), (1_500, 0), (-1_500, 0)):
+            state = copied(hand.state)
+            law = state.torque
+            law.assist_unm, law.guide_from_unm, law.damping_from_unm = before, guide, damping
+            law.damping_unm = (damping > 0) - (damping < 0)
+            for speed in (-500, 500):
+                both(state, replace(hand.inputs, velocity_mdeg_s=speed), hand.now_ms + 1)
 
 
 def test_a_session_that_begins_while_assisting_changes_nothing() -> None:

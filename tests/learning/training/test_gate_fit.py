@@ -10,10 +10,11 @@ pytest.importorskip("torch")
 
 from hilbridge.confidence import MASKS, condition_of
 from hilbridge.features.layout import D
+from hilbridge.intent.online import ConfidenceDrift
 from hilbridge.learning import metrics
 from hilbridge.learning.data.stream import Stream
-from hilbridge.learning.training.gate_fit import CAP, calibrate, fit_map, fit_maps, replays
-from hilbridge.learning.training.replay import Watched, mapped
+from hilbridge.learning.training.gate_fit import CAP, GATE, calibrate, fit_map, fit_maps, replays
+from hilbridge.learning.training.replay import Watched, mapped, watch
 from hilbridge.verbs import VERBS
 
 K = len(VERBS)
@@ -105,3 +106,29 @@ def test_a_gate_that_never_acts_is_said() -> None:
     stream, logits = world(3, 3)
     with pytest.raises(ValueError, match="never acts"):
         calibrate([np.full_like(logits, np.nan)], stream, ((),))
+
+
+def test_what_is_usual_for_people_raises_no_alarm_of_others_like_them_and_one_of_others_unlike_them() -> None:
+    stream, logits = world(0, 40)
+    fitted = calibrate([logits], stream, ((),))
+    usual = fitted.usual
+    assert usual is not None
+    assert usual.condition == condition_of(7)
+    assert 0.0 < usual.low < usual.high < 1.0
+
+    def raised(logits: np.ndarray, stream: Stream) -> int:
+        under = np.full(len(stream), condition_of(7))
+        seen = watch(logits, under, stream.subject, fitted.temperatures, GATE)
+        confidence = mapped(fitted.maps, seen.probability, seen.condition)
+        alarms = 0
+        for person in np.unique(stream.subject):
+            drift = ConfidenceDrift(usual)
+            for one in np.tile(confidence[(stream.subject == person) & ~seen.vetoed], 20):
+                drift.update(float(one), condition_of(7))
+            alarms += drift.raised is not None
+        return alarms
+
+    others, theirs = world(9, 20)
+    assert raised(theirs, others) <= 2
+    assert raised(0.0 * theirs, others) == 20
+    assert calibrate([world(1, 3)[1]], world(1, 3)[0], ((),)).usual is None  # three people are too few to say

@@ -24,12 +24,12 @@ from pathlib import Path
 from firmware_sim.memory import Refusal
 from firmware_sim.states import Reason, State
 from tests.safety.table import Row, Scale
-from tests.safety.tools.c_mutants import CMutant, mutants
-from tests.safety.tools.traces import Trace, is_other, taken
+from tests.safety.tools.c.mutants import CMutant, mutants
+from tests.safety.tools.c.traces import Trace, is_other, taken
 
-ROOT = Path(__file__).resolve().parents[3]
+ROOT = Path(__file__).resolve().parents[4]
 HOME = ROOT / "firmware_sim" / "c"
-EQUIVALENT = Path(__file__).resolve().parents[1] / "equivalent_c_mutants.json"
+EQUIVALENT = Path(__file__).resolve().parents[2] / "equivalent_c_mutants.json"
 FILES = tuple(sorted(path.name for path in HOME.glob("ctl_*.c") if path.name != "ctl_tables.c"))
 _FLAGS = ("-std=c11", "-O1", "-w", "-fPIC", f"-I{sysconfig.get_paths()['include']}", f"-I{HOME}")
 _TRACES_S, _TESTS_S, _SANITIZED_S = 60.0, 400.0, 120.0
@@ -37,13 +37,15 @@ _SEQUENCES = 300
 _SEED = 7
 _ENDED = {0: "alive", 3: "killed"}
 _SANITIZED_RUNS = 5_000
-_TESTS = ("c/test_crypto.py", "test_corners.py", "test_arming.py", "test_commands.py", "test_deadlines.py", "test_edges.py",
-          "test_latches.py")  # fmt: skip
+_TESTS = (
+    "c/test_twin.py", "c/test_crypto.py", "test_corners.py", "test_arming.py", "test_commands.py", "test_deadlines.py",
+    "test_edges.py", "test_latches.py",
+)  # fmt: skip
 KILLED = 3
 PROVES = """
 import sys
 sys.path.insert(0, {root!r})
-from tests.safety.tools.c_mutation import tested
+from tests.safety.tools.c.mutation import tested
 sys.exit(tested({made!r}))
 """
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from tests.safety.table import Row, Scale
 
-HOME = Path(__file__).resolve().parents[3] / "firmware_sim" / "c"
+HOME = Path(__file__).resolve().parents[4] / "firmware_sim" / "c"
 _RUNS = 10_000_000
 
 

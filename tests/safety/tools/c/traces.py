@@ -15,7 +15,7 @@ from firmware_sim.controller import advance
 from firmware_sim.memory import Inputs
 from firmware_sim.watchdogs import Limits
 from tests.safety.hand import KEY
-from tests.safety.tools.twin import Twin, sequence_of
+from tests.safety.tools.c.twin import Twin, sequence_of
 
 
 @dataclass(slots=True)

@@ -16,11 +16,11 @@ from firmware_sim.c import binding
 from firmware_sim.c.flat import Flattener, flat
 from firmware_sim.controller import advance
 from firmware_sim.memory import ControllerState, Inputs, Received
-from firmware_sim.profiles import profile
 from firmware_sim.states import State
 from firmware_sim.watchdogs import Limits
 from tests.safety.hand import BRIDGE_NONCE, DEVICE_NONCE, KEY, Hand
 from tests.safety.table import Row, Scale
+from tests.safety.tools.c.scrambled import scramble
 
 _WILDNESS = (0.0, 0.002, 0.002, 0.02, 0.2)
 _LENGTHS = (800, 800, 800, 1200, 2500)
@@ -51,26 +51,6 @@ _LASTING = (
     "scrambled",
     "scrambled",
 )
-# What of the law's memory is scrambled, and between which bounds both sides hold it.
-_SCRAMBLED = {
-    **dict.fromkeys(("slow_mean", "second_mean"), (-300_000 << 10, 300_000 << 10)),
-    **dict.fromkeys(("user_mean",), (-40_000_000 << 5, 40_000_000 << 5)),
-    **dict.fromkeys(("fast_mdeg_s",), (-300_000, 300_000)),
-    **dict.fromkeys(("wave_peak", "last_peak", "before_peak"), (0, 300_000)),
-    **dict.fromkeys(("wave_ticks", "last_ticks", "before_ticks"), (1, 1_000)),
-    **dict.fromkeys(("onset_ticks", "guide_tick", "contact_ticks", "fade_ticks"), (0, 950)),
-    **dict.fromkeys(("assist_ticks", "ramp_tick"), (0, 40)),
-    **dict.fromkeys(("gravity_tick",), (0, 500)),
-    **dict.fromkeys(("direction", "wave_up"), (-1, 1)),
-    **dict.fromkeys(("authority",), (0, 1_000)),
-    **dict.fromkeys(("gain_most",), (0, 5_000)),
-    **dict.fromkeys(("impulse",), (-15_000_000, 15_000_000)),
-    **dict.fromkeys(("work",), (0, 4_400_000)),
-    **dict.fromkeys(("guide_unm", "guide_from_unm"), (-50_000, 50_000)),
-    **dict.fromkeys(("damping_unm", "damping_from_unm"), (-2_500_000, 2_500_000)),
-    **dict.fromkeys(("gravity_unm", "gravity_from_unm", "gravity_top_unm"), (0, 1_000_000)),
-    **dict.fromkeys(("guide_from_mdeg",), (-30_000, 190_000)),
-}  # fmt: skip
 _READINGS = ("angle_mdeg", "second_angle_mdeg", "velocity_mdeg_s", "user_torque_unm", "measured_unm", "commanded_unm")
 
 
@@ -118,39 +98,13 @@ class Twin(Hand):
                 self._changed()
             received, read = self._arriving(), self._inputs()
             if self._lasts("scrambled") and self.rng.random() < 0.1:
-                self._scramble(read)
+                scramble(self.rng, self.state.torque, read, self.verb)
                 self._changed()
             self._once(received, read)
 
     def _changed(self) -> None:
         """The reference's state was changed from outside: the C gets it, too."""
         self.c.load(flat(self.state))
-
-    def _scramble(self, read: Inputs) -> None:
-        """Some memory of the law as no movement would leave it just now: at an edge, or one beside what it was."""
-        rng, torque = self.rng, self.state.torque
-        if rng.random() < 0.3:
-            read.velocity_mdeg_s = rng.choice((-2, -1, 0, 1, 2))
-        if rng.random() < 0.3:
-            torque.peaks = tuple(rng.choice((900_000, 1_000_000, 1_500_000)) for _ in torque.peaks)
-            if rng.random() < 0.8:
-                spot = rng.choice((0, 1, 2, rng.randrange(len(torque.peaks))))
-                torque.peaks = (*torque.peaks[:spot], rng.choice((0, 1, 100_000)), *torque.peaks[spot + 1 :])
-        if rng.random() < 0.3:  # a strong tremor, and full damping against it
-            half = profile(self.verb).half_wave_ms
-            ticks = [max(1, rng.choice((40, 40, half - 1, half, half + 1))) for _ in range(3)]
-            torque.wave_ticks, torque.last_ticks, torque.before_ticks = ticks
-            torque.last_peak = torque.before_peak = torque.gain_most = 300_000
-            torque.damping_unm = rng.choice((1, -1)) * rng.choice((895_000, 950_000, 1_100_000))
-            read.velocity_mdeg_s = rng.choice((1, -1)) * rng.choice((20_000, 25_000))
-        for name in rng.sample(tuple(_SCRAMBLED), rng.choice((1, 2, 6))):
-            least, most = _SCRAMBLED[name]
-            was = int(getattr(torque, name))
-            near = rng.choice((least, most, 0, 1, 2, -1, was + 1, was - 1, -was, was // 2, round(most / 3)))
-            if name == "slow_mean" and rng.random() < 0.5:  # what is above it is all but nothing
-                near = (read.velocity_mdeg_s + rng.choice((-2, -1, 0, 1, 2))) << 10
-            value = max(least, min(most, near))
-            setattr(torque, name, value > 0 if name == "wave_up" else value)
 
     def _once(self, received: tuple[Received, ...], inputs: Inputs) -> None:
         late = self.rng.random() < self.wild * 0.05
