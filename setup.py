@@ -1,6 +1,7 @@
 """Builds the C controller beside its sources. Optional: where there is no C compiler, the installation goes on without it."""
 
 import hashlib
+import os
 from pathlib import Path
 
 from setuptools import Extension, setup
@@ -20,6 +21,7 @@ setup(
             define_macros=[("CTL_DIGEST", f'"{DIGEST}"')],
             # The elbow's sums are those of Python: sine and cosine come from the same library, one by one.
             extra_compile_args=["-std=c11", "-O2", "-fno-builtin-sin", "-fno-builtin-cos"],
+            libraries=["m"] if os.name == "posix" else [],
             optional=True,
         )
     ]

@@ -12,15 +12,11 @@ from typing import Any
 from firmware_sim.controllers import name_of, power_on, step_of
 from firmware_sim.memory import ControllerState, Inputs, Received
 from firmware_sim.plant.actuator import LAG_S, Actuator
-from firmware_sim.plant.arm import ARM_WEIGHT_NM, CARRIED_SHARE, WEARERS, Arm, wearer_torque
+from firmware_sim.plant.arm import CARRIED_UNM, MDEG, TICK_S, WEARERS, Arm, wearer_torque
 from firmware_sim.states import wire_name
 
-_TICK_S = 0.001
-_MDEG = math.degrees(1000.0)  # in one radian
 LOG_CYCLE_MS = 20
 ROW = 4  # numbers that `Device.coast` tells of each tick
-# The torque sensor is zeroed on the resting arm, whose weight the wearer carries to this share.
-_CARRIED_UNM = 1e6 * CARRIED_SHARE * ARM_WEIGHT_NM
 Muscles = Callable[[Arm, float], float]  # torque in N m at a time in s
 
 
@@ -56,13 +52,13 @@ class Device:
         """
         self.ticks += 1
         state, arm, actuator, inputs = self.state, self.arm, self.actuator, self._inputs
-        wearer_nm = self.muscles(arm, self.ticks * _TICK_S) + self.wearer_extra_nm
-        angle = round(arm.angle * _MDEG)
+        wearer_nm = self.muscles(arm, self.ticks * TICK_S) + self.wearer_extra_nm
+        angle = round(arm.angle * MDEG)
         inputs.frames = frames
         inputs.angle_mdeg = angle
         inputs.second_angle_mdeg = angle + self.encoder_offset_mdeg
-        inputs.velocity_mdeg_s = round(arm.velocity * _MDEG)
-        inputs.user_torque_unm = round(wearer_nm * 1e6) - round(_CARRIED_UNM * sin(arm.angle))
+        inputs.velocity_mdeg_s = round(arm.velocity * MDEG)
+        inputs.user_torque_unm = round(wearer_nm * 1e6) - round(CARRIED_UNM * sin(arm.angle))
         inputs.measured_unm = round(actuator.torque_nm * 1e6)
         inputs.commanded_unm = self._commanded_unm
         inputs.random_u32 = random_u32
@@ -78,8 +74,8 @@ class Device:
         if abs(law.assist_unm) > self.peak_assist_unm:
             self.peak_assist_unm = abs(law.assist_unm)
         self._commanded_unm = law.assist_unm + law.gravity_unm + state.follow_unm
-        actuator.step(self._commanded_unm * 1e-6, _TICK_S)
-        arm.step(actuator.torque_nm, wearer_nm, _TICK_S)
+        actuator.step(self._commanded_unm * 1e-6, TICK_S)
+        arm.step(actuator.torque_nm, wearer_nm, TICK_S)
         return state.outbox
 
     def coast(self, most: int, dropped: int = 0) -> tuple[tuple[tuple[int, bytes], ...], tuple[float, ...]]:

@@ -12,7 +12,7 @@ from enum import IntEnum
 from pathlib import Path
 from types import ModuleType
 
-from firmware_sim import device, e2e, frames, memory, profiles, secoc, states, torque, transitions, transmit, watchdogs
+from firmware_sim import e2e, frames, memory, profiles, secoc, states, torque, transitions, transmit, watchdogs
 from firmware_sim.law import allowance, damping, filters, guidance, numbers, support
 from firmware_sim.law import memory as law_memory
 from firmware_sim.plant import actuator, arm
@@ -164,7 +164,6 @@ def plant() -> str:
         "LIMIT_NM": actuator.LIMIT_NM,
         "PI": math.pi,
         "RADIANS": math.radians(1.0),
-        **_reals(device),
     }
     found["STILL_AT"] = found.pop("STILL")
     lines = [f"#define ELBOW_{name} {value.hex()} /* {value!r} */" for name, value in found.items()]

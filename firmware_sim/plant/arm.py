@@ -19,6 +19,10 @@ FRICTION = 0.25  # N m s/rad, tissue and gear
 STOP_STIFFNESS = 60.0  # N m/rad beyond the anatomical stops
 STOP_LOW = math.radians(2.0)
 STOP_HIGH = math.radians(142.0)
+TICK_S = 0.001
+MDEG = math.degrees(1000.0)  # in one radian
+# The torque sensor is zeroed on the resting arm, whose weight the wearer carries to this share.
+CARRIED_UNM = 1e6 * CARRIED_SHARE * ARM_WEIGHT_NM
 _STILL = math.radians(45.0)
 _SWAY_RATE = 2.0 * math.pi * 0.4
 _LOW, _SPAN = math.radians(40.0), math.radians(55.0)  # of a reach

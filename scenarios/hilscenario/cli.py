@@ -111,9 +111,7 @@ def run(
     i_am_on_a_bench: Annotated[
         bool, typer.Option("--i-am-on-a-bench", help="with --device external: nobody wears it; allows a physical bus")
     ] = False,
-    key_file: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="with --device external: the key that the device has")
-    ] = None,
+    key_file: Annotated[Path | None, typer.Option(metavar="FILE", help="with --device external: its key")] = None,
     force: Annotated[bool, typer.Option("--force", help="with --live: replace recordings that --out holds")] = False,
     as_json: Json = False,
 ) -> None:
@@ -129,8 +127,7 @@ def run(
         device, plant_bus, reset_command, live=live, on_a_bench=i_am_on_a_bench, key_file=key_file
     )
     spec = live_bus(bus, live=live, profile=profile, external=external is not None, on_a_bench=i_am_on_a_bench)
-    if spec is not None and external is not None:
-        refuse_key(spec, external)
+    refuse_key(spec, external)
     named = [path for path in map(located, paths) if not path.is_dir()]
     found, skipped = sort_out(collect(paths), named, spec, external=external is not None)
     if not found:

@@ -65,9 +65,10 @@ def external_device(
     return External(plant_bus, reset_command, on_a_bench, key_file)
 
 
-def refuse_key(spec: BusSpec, external: External) -> None:
+def refuse_key(spec: BusSpec | None, external: External | None) -> None:
     """Raises InputError for a key that may not be used on this bus: the demo key on a physical one."""
-    load_key(external.key_file, physical=parse_spec(str(spec)).physical)
+    if spec is not None and external is not None:
+        load_key(external.key_file, physical=parse_spec(str(spec)).physical)
 
 
 class HeardRows:
