@@ -18,6 +18,10 @@ Data = Annotated[
         "--data", help="labelled recordings, folders of them, feature packs, or an EGTEA Gaze+ folder; many times"
     ),
 ]
+Jobs = Annotated[int, typer.Option(help="processes at once, by fold or by person; -1: all cores")]
+Cluster = Annotated[
+    str | None, typer.Option(help="ray, ray://HOST:PORT, dask or dask://HOST:PORT in place of local processes")
+]
 BundleFile = Annotated[Path | None, typer.Option("--bundle", help="model bundle; default: the one that ships")]
 
 
@@ -41,7 +45,8 @@ def train(
     work: Annotated[Path, typer.Option(help="checkpoints, logs, folds, recorded streams")] = Path("out/train"),
     recipe: Annotated[str, typer.Option(help="with --data: best, or paper")] = "best",
     folds: Annotated[int, typer.Option(min=2, help="with --data: at most so many, by person")] = 5,
-    jobs: Annotated[int, typer.Option(min=1, help="with --data: folds at the same time")] = 1,
+    jobs: Jobs = 1,
+    cluster: Cluster = None,
     report: Annotated[
         Path | None, typer.Option(help="with --data: folder of report and card; default: by --out")
     ] = None,
@@ -66,7 +71,7 @@ def train(
 
         own = replace(RECIPES[recipe], seed=seed) if recipe in RECIPES else None
         folder = report or out.parent / f"{out.stem}-report"
-        asked = PeopleConfig(tuple(data), out, work, folder, recipe, own, precision or 0.8, folds, jobs)
+        asked = PeopleConfig(tuple(data), out, work, folder, recipe, own, precision or 0.8, folds, jobs, cluster)
         made = train_on_people(asked, say=lambda line: typer.echo(line, err=True))
         typer.echo("\n".join([*made.lines, f"bundle: {made.bundle}", f"report: {made.report}", f"card: {made.card}"]))
         return
@@ -105,6 +110,8 @@ def certify(
     method: Annotated[str, typer.Option(help="betting, betting_pooled, cluster_t or clopper_pearson")] = "betting",
     people: Annotated[int, typer.Option(min=2, help="without --data: how many simulated people")] = 200,
     write: Annotated[Path | None, typer.Option(help="write the bundle with the certified tau_on here")] = None,
+    jobs: Jobs = 1,
+    cluster: Cluster = None,
 ) -> None:
     """Choose a tau_on that keeps its promise on people it has not seen (--data, or simulated ones).
 
@@ -124,6 +131,8 @@ def certify(
             method=certifying.method_named(method),
             people=people,
             write=write,
+            jobs=jobs,
+            cluster=cluster,
         )
         if data:
             from hilbridge.people.certify import certify_on_people

@@ -40,6 +40,7 @@ class PeopleConfig:
     precision: float = 0.8
     folds: int = 5
     jobs: int = 1
+    cluster: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +64,7 @@ def train_on_people(config: PeopleConfig, say: Say = lambda _: None) -> Made:
         f"{len(people.names)} people, {len(people.sessions)} sessions, {people.minutes:.1f} labelled minutes, {people.origin}"
     )
     recipe = config.recipe or RECIPES[config.recipe_name]
-    plan = FoldPlan(recipe, config.folds, config.recipe_name == "paper", config.jobs)
+    plan = FoldPlan(recipe, config.folds, config.recipe_name == "paper", config.jobs, config.cluster)
     key = hashlib.sha256(json.dumps(people.files, sort_keys=True).encode()).hexdigest()
     folded = train_folds(plan, people.stream, key, config.work, say)
     say("calibrating what the gate compares, out of fold")

@@ -1,28 +1,23 @@
 """Campaigns: every fault at many instants in every gate state, ranked by how near each run came to hurting somebody.
 
-joblib runs the samples on all cores, or on a Ray or Dask cluster through their joblib backends; this file only says
-what to run and keeps what came back, so that an interrupted campaign goes on where it was.
+`hilbridge.cluster` runs the samples on all cores, or on a Ray or Dask cluster; this file only says what to run and keeps
+what came back, so that an interrupted campaign goes on where it was.
 """
 
 from __future__ import annotations
 
 import json
-import os
 import random
-import sys
 import zlib
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import joblib
-
+from hilbridge.cluster import run_all, workers
 from hilbridge.errors import InputError
 from hilbridge.files import write_whole
 from hilbridge.guard import sure_to_end
-from hilbridge.lease import end_with
 from hilscenario.format.files import dump_scenario, scenario_of
 from hilscenario.format.schema import Expectation, Scenario, Step
 from hilscenario.format.vocabulary import FAULTS
@@ -43,8 +38,6 @@ _OPTIONS: dict[str, dict[str, float]] = {"bus.replay": {"past_s": 0.3}, "bridge.
 _WATCHED_MS = 500.0
 _INSTANT_MS = 300.0  # what follows from a fault without a length: a restart, three STOPs
 _CHUNK = 64
-_RETRIES = 3
-_CONNECT_S = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -154,74 +147,6 @@ def run_sample(base: Scenario, sample: Sample) -> Outcome:
     )
 
 
-@contextmanager
-def _workers(jobs: int, cluster: str | None) -> Iterator[Callable[[], joblib.Parallel]]:
-    """What makes joblib pools on this machine or on a cluster. Raises InputError where that cannot be had."""
-
-    def pool() -> joblib.Parallel:
-        return joblib.Parallel(n_jobs=jobs)
-
-    def own_pool() -> joblib.Parallel:  # workers that end with this process; a cluster's are the cluster's own
-        return joblib.Parallel(n_jobs=jobs, initializer=end_with, initargs=(os.getpid(),))
-
-    if cluster is None:
-        yield own_pool
-        return
-    kind, _, _ = cluster.partition(":")
-    try:
-        clusters = {"ray": _on_ray, "dask": _on_dask}[kind]
-    except KeyError:
-        raise InputError(f"cluster {cluster!r}: write ray, ray://HOST:PORT, dask or dask://HOST:PORT") from None
-    with clusters(cluster, jobs), joblib.parallel_config(backend=kind):
-        yield pool
-
-
-@contextmanager
-def _on_ray(cluster: str, jobs: int) -> Iterator[None]:
-    try:
-        import ray
-        from ray.util.joblib import register_ray
-    except ImportError:
-        raise InputError(f"cluster {cluster!r} needs the package ray; pip install 'hilbridge[ray]'") from None
-    address = None if cluster == "ray" else cluster
-    try:
-        ray.init(address=address, log_to_driver=False, include_dashboard=False)
-    except (ConnectionError, ValueError) as error:
-        raise _unreachable(cluster, error) from None
-    register_ray()
-    try:
-        yield
-    finally:
-        ray.shutdown()
-
-
-@contextmanager
-def _on_dask(cluster: str, jobs: int) -> Iterator[None]:
-    """Connects to a Dask scheduler, or starts a local one. A worker runs one sample at a time: samples only compute."""
-    try:
-        from dask.distributed import Client, LocalCluster
-    except ImportError:
-        raise InputError(f"cluster {cluster!r} needs the package distributed; pip install 'hilbridge[dask]'") from None
-    _, _, place = cluster.partition("://")
-    if place:
-        try:
-            client = Client(f"tcp://{place}", timeout=_CONNECT_S)
-        except (OSError, ValueError) as error:
-            raise _unreachable(cluster, error) from None
-        with client:
-            yield
-        return
-    workers = jobs if jobs > 0 else joblib.cpu_count()
-    with LocalCluster(n_workers=workers, threads_per_worker=1, dashboard_address=None) as own, Client(own):
-        yield
-
-
-def _unreachable(cluster: str, error: Exception) -> InputError:
-    return InputError(
-        f"cluster {cluster!r}: cannot be reached ({str(error).splitlines()[0]}); is its scheduler running?"
-    )
-
-
 def run_campaign(
     base: Scenario,
     samples: Sequence[Sample],
@@ -243,13 +168,14 @@ def run_campaign(
         progress("")
     left = [sample for sample in samples if sample.key not in known]
     torn = log.exists() and not log.read_bytes().endswith(b"\n")
-    with log.open("a", encoding="utf-8") as file, _workers(jobs, cluster) as workers, sure_to_end("hilscenario"):
+    with log.open("a", encoding="utf-8") as file, workers(jobs, cluster) as pools, sure_to_end("hilscenario"):
         if torn:  # a last line cut off by an interruption must not swallow the next one
             file.write("\n")
         if not known and file.tell() == 0:
             file.write(json.dumps({"base": _fingerprint(base)}) + "\n")
         for start in range(0, len(left), _CHUNK):
-            for outcome in _run_chunk(workers, base, left[start : start + _CHUNK]):
+            chunk = [(base, sample) for sample in left[start : start + _CHUNK]]
+            for outcome in run_all(pools, run_sample, chunk, "campaign"):
                 outcomes.append(outcome)
                 file.write(json.dumps(outcome.as_json()) + "\n")
                 progress(outcome.sample.fault)
@@ -258,30 +184,6 @@ def run_campaign(
                     write_whole(out / outcome.sample.file_name, repeat)
             file.flush()
     return sorted(outcomes, key=lambda outcome: (outcome.safe, outcome.robustness))
-
-
-def _run_chunk(workers: Callable[[], joblib.Parallel], base: Scenario, chunk: Sequence[Sample]) -> list[Outcome]:
-    for attempt in range(_RETRIES + 1):
-        try:
-            # A new pool each time: one that has lost a worker of Ray's answers its next call with nothing at all.
-            outcomes: list[Outcome] = workers()(joblib.delayed(run_sample)(base, sample) for sample in chunk)
-            if len(outcomes) != len(chunk):
-                raise RuntimeError(f"{len(outcomes)} of {len(chunk)} samples came back")
-            return outcomes
-        except _lost_worker() as error:
-            if attempt == _RETRIES:
-                raise InputError(f"campaign: workers die again and again ({type(error).__name__}: {error})") from None
-    raise AssertionError("unreachable")
-
-
-def _lost_worker() -> tuple[type[Exception], ...]:
-    """The exceptions by which joblib, Dask and Ray report a dead worker."""
-    lost: tuple[type[Exception], ...] = (OSError, RuntimeError)
-    if (dask := sys.modules.get("distributed")) is not None:  # only a campaign on Dask has it
-        lost += (dask.KilledWorker,)
-    if (ray := sys.modules.get("ray.exceptions")) is not None:
-        lost += (ray.RayActorError, ray.WorkerCrashedError)
-    return lost
 
 
 def _fingerprint(base: Scenario) -> str:

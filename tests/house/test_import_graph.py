@@ -12,7 +12,19 @@ import pytest
 from tests.tools.import_graph import between_children, build, cycle
 
 GRAPH = build()
-GROUND = {"records", "rows", "verbs", "errors", "priority", "limits", "lease", "guard", "files", "confidence"}
+GROUND = {
+    "cluster",
+    "records",
+    "rows",
+    "verbs",
+    "errors",
+    "priority",
+    "limits",
+    "lease",
+    "guard",
+    "files",
+    "confidence",
+}
 
 # Room -> what it may import beside the ground and itself.
 MAY_IMPORT: dict[str, set[str]] = {

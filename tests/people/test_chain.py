@@ -89,6 +89,19 @@ def test_the_bundle_is_certified_on_others_and_refused_on_its_own_people(trained
         certify_on_people(asked, config.data, lambda line: None)
 
 
+def test_folds_and_certificates_on_a_cluster_are_the_same(trained) -> None:
+    pytest.importorskip("distributed")
+    root, config, result, _ = trained
+    there = replace(config, out=root / "dask", work=root / "elsewhere", jobs=2, cluster="dask")
+    one, other = load_bundle(result.bundle), load_bundle(train_on_people(there).bundle)
+    assert one.curve == other.curve
+    assert (one.weights.hidden_weight == other.weights.hidden_weight).all()
+    data = (made(root / "few", 4, 41_500),)
+    asked = CertifyConfig(result.bundle, precision=0.2, delta=0.3)
+    answers = [certify_on_people(each, data, lambda line: None) for each in (asked, replace(asked, jobs=2))]
+    assert answers[0].lines() == answers[1].lines()
+
+
 def test_adapting_only_ever_makes_more_careful(trained) -> None:
     root, config, result, _ = trained
     bundle = load_bundle(result.bundle)

@@ -13,6 +13,7 @@ from typing import Any
 
 import joblib
 import pytest
+from joblib.externals.loky import get_reusable_executor
 
 from hilbridge.errors import InputError
 from hilscenario import campaign
@@ -39,6 +40,7 @@ def test_a_killed_worker_is_survived_and_every_sample_is_there_once(
 ) -> None:
     if cluster == "dask":
         pytest.importorskip("distributed")
+    get_reusable_executor().shutdown(wait=True)  # workers of an earlier test know nothing of the mark
     monkeypatch.setenv(MARK, str(tmp_path / "killed"))
     monkeypatch.setattr(campaign, "run_sample", dying_once)
     monkeypatch.setattr(campaign, "_CHUNK", 3)

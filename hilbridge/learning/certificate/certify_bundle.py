@@ -4,10 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
+from hilbridge.cluster import run_all, workers
 from hilbridge.core.gate import GateConfig
 from hilbridge.intent.bundle import Bundle, load_bundle, save_bundle
 from hilbridge.intent.provenance import Origin, Promise
@@ -18,6 +20,8 @@ from hilbridge.learning.data.windows import Statistics
 from hilbridge.learning.training.gate_fit import TAU_BAND, TAUS
 from hilbridge.learning.training.make_bundle import DIFFICULTIES, gate_of, thresholds_at
 from hilbridge.learning.training.replay import (
+    Floats,
+    Ints,
     Watched,
     conditions,
     mapped,
@@ -34,7 +38,8 @@ CERTIFY_SEED = 20_000
 @dataclass(frozen=True, slots=True)
 class CertifyConfig:
     """bundle: whose threshold; precision, delta: the promise; people simulated wearers of `seconds` each, from seeds that
-    no training uses; write: where to put the bundle with the certified threshold (None: nowhere)."""
+    no training uses; write: where to put the bundle with the certified threshold (None: nowhere);
+    jobs, cluster: where it is computed, by person (`hilbridge.cluster`)."""
 
     bundle: Path
     precision: float = 0.8
@@ -45,6 +50,8 @@ class CertifyConfig:
     seconds: float = 40.0
     cache: Path | None = None
     write: Path | None = None
+    jobs: int = 1
+    cluster: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,9 +94,9 @@ def certify_on(
     config: CertifyConfig, bundle: Bundle, people: Stream, origin: Origin, data: dict[str, str]
 ) -> Certified:
     """Certify on these people, who must be nobody that the bundle was trained or calibrated on."""
-    logits = stream_logits(bundle.weights, people, Statistics(bundle.mean, bundle.std))
+    logits, under = _by_person(config, bundle, people)
     gate = gate_of(bundle)
-    seen = watch(logits, conditions(people), people.subject, bundle.temperatures, gate)
+    seen = watch(logits, under, people.subject, bundle.temperatures, gate)
     counts = gate_counts(gate, seen, people)
     certificate = certify(counts, config.precision, config.delta, config.method, start_of(bundle, config.precision))
     judged = seen.able & people.known
@@ -100,6 +107,20 @@ def certify_on(
     if config.write is not None and certificate.tau_on is not None:
         written = save_bundle(_with_threshold(bundle, certificate, origin, data), config.write)
     return Certified(certificate, bound, written)
+
+
+def _by_person(config: CertifyConfig, bundle: Bundle, people: Stream) -> tuple[Floats, Ints]:
+    """Logits and condition of each step; who comes first in the stream comes first."""
+    edges = np.flatnonzero(np.r_[True, people.subject[1:] != people.subject[:-1], True])
+    at = np.arange(len(people))
+    parts = [(bundle, people.part((at >= start) & (at < stop))) for start, stop in pairwise(edges.tolist())]
+    with workers(config.jobs, config.cluster) as pools:
+        made = run_all(pools, _of_person, parts, "certify")
+    return np.concatenate([logits for logits, _ in made]), np.concatenate([under for _, under in made])
+
+
+def _of_person(bundle: Bundle, person: Stream) -> tuple[Floats, Ints]:
+    return stream_logits(bundle.weights, person, Statistics(bundle.mean, bundle.std)), conditions(person)
 
 
 def gate_counts(gate: GateConfig, seen: Watched, people: Stream) -> Counts:

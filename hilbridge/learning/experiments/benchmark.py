@@ -23,7 +23,7 @@ from hilbridge.learning.data.synthetic import record_people
 from hilbridge.learning.data.windows import onset_ends, window_ends
 from hilbridge.learning.experiments.laplace import dropout_probabilities, last_layer_laplace
 from hilbridge.learning.training.network import GruNetwork, export_weights
-from hilbridge.learning.training.recipes import BENCHMARK_RECIPE, OVERFIT_RECIPE, PAPER_RECIPE, Recipe
+from hilbridge.learning.training.recipes import BENCHMARK_RECIPE, OVERFIT_RECIPE, PAPER_RECIPE, PEOPLE_RECIPE, Recipe
 from hilbridge.learning.training.replay import stream_logits
 from hilbridge.learning.training.train import Trained, fit_network, predict_logits
 from hilbridge.records import Modality
@@ -38,10 +38,20 @@ LOSSES: tuple[tuple[Modality, ...], ...] = ((), (Modality.GAZE,), (Modality.HAND
 
 
 @dataclass(frozen=True, slots=True)
+class FoldShape:
+    """Three folds: the paper's recipe and another, people, so many of them to test and to stop by in each fold."""
+
+    recipes: tuple[Recipe, Recipe] = (PAPER_RECIPE, PEOPLE_RECIPE)
+    seconds: float = 900.0
+    people: int = 32
+    held: int = 4
+
+
+@dataclass(frozen=True, slots=True)
 class Plan:
     """How large the benchmark is: people of each kind with `seconds` of windows before onsets; `replayed` people of
     `stream_seconds`, every step of them, for E5, and as many again to fit on;
-    how many simulated certifications; paper: seconds, recipe, people, held out by fold."""
+    how many simulated certifications; paper: the folds of its recipe."""
 
     training: int = 160
     validation: int = 16
@@ -54,7 +64,7 @@ class Plan:
     overfit: Recipe = OVERFIT_RECIPE
     overfit_people: int = 8
     certificates: int = 100
-    paper: tuple[float, Recipe, int, int] = (900.0, PAPER_RECIPE, 32, 4)
+    paper: FoldShape = FoldShape()
 
     def seeds(self) -> dict[str, range]:
         """The people of each part; nobody is in two of them."""
@@ -88,7 +98,7 @@ def near_onset(stream: Stream) -> Ints:
 
 def network_path(plan: Plan, folder: Path, kind: str) -> Path:
     """Where one network's answers are kept: another plan, other people or other features have another file."""
-    shape = replace(plan, certificates=0, paper=(0.0, PAPER_RECIPE, 0, 0)), BENCHMARK, BENCHMARK_TRAINING, LAYOUT_HASH
+    shape = replace(plan, certificates=0, paper=FoldShape()), BENCHMARK, BENCHMARK_TRAINING, LAYOUT_HASH
     return folder / f"network-{kind}.{hashlib.sha256(repr(shape).encode()).hexdigest()[:10]}.npz"
 
 

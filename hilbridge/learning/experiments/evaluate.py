@@ -19,7 +19,7 @@ from hilbridge.learning.calibrators import Method
 from hilbridge.learning.certificate.study import study
 from hilbridge.learning.experiments import tables
 from hilbridge.learning.experiments.benchmark import Plan, network_path, people, run_network
-from hilbridge.learning.experiments.beyond.paper_folds import FOLDS, run_fold
+from hilbridge.learning.experiments.beyond.paper_folds import FOLDS, record_one, recordings, run_fold
 from hilbridge.learning.experiments.beyond.sections import estimator_sections, paper_section
 from hilbridge.learning.experiments.closed_loop import (
     closed_loop_table,
@@ -100,9 +100,9 @@ def synthetic_sections(work: Path, plan: Plan, workers: int, comparators: bool, 
     _all(workers, "training networks", run_network, [(plan, work, kind) for kind in kinds])
 
     say("training the paper's recipe, three folds of people")
-    paper = _all(
-        workers, "training by the paper's recipe", run_fold, [(work, fold, *plan.paper) for fold in range(FOLDS)]
-    )
+    _all(workers, "recording their people", record_one, [(work, plan.paper, *one) for one in recordings(plan.paper)])
+    wanted = [(recipe, fold) for recipe in plan.paper.recipes for fold in range(FOLDS)]
+    _all(workers, "training folds", run_fold, [(work, plan.paper, fold, recipe) for recipe, fold in wanted])
 
     def kept(*wanted: str) -> list[tables.Fold]:
         return tables.load_folds([network_path(plan, work, kind) for kind in wanted])
@@ -116,7 +116,7 @@ def synthetic_sections(work: Path, plan: Plan, workers: int, comparators: bool, 
         *_loop_sections(pooled, say),
         *_other_sections(pooled, members, plan),
         *estimator_sections(pooled, members.get("ensemble", ())),
-        paper_section(sorted(paper)),
+        paper_section([(repr(recipe), run_fold(work, plan.paper, fold, recipe)) for recipe, fold in wanted]),
     ]
     return [target_section(sections), *sections]
 

@@ -14,9 +14,9 @@ from pathlib import Path
 from zipfile import BadZipFile
 
 import numpy as np
-from joblib import Parallel, delayed
 from numpy.typing import NDArray
 
+from hilbridge.cluster import run_all, workers
 from hilbridge.errors import InputError
 from hilbridge.features.layout import LAYOUT_HASH
 from hilbridge.files import in_place_of
@@ -38,12 +38,14 @@ JUDGED_EVERY = 12
 
 @dataclass(frozen=True, slots=True)
 class FoldPlan:
-    """How people are trained on: folds at most so many; onset_windows_only is the paper's, else every busy step counts."""
+    """How people are trained on: folds at most so many; onset_windows_only is the paper's, else every busy step counts.
+    jobs, cluster: where (`hilbridge.cluster`); on a cluster, checkpoints of folds are of use where all see the same files."""
 
     recipe: Recipe
     folds: int = 5
     onset_windows_only: bool = False
     jobs: int = 1
+    cluster: str | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +83,13 @@ def train_folds(plan: FoldPlan, stream: Stream, key: str, work: Path, say: Say =
     groups = [order[start::count] for start in range(count)]
     losses = losses_of(stream)
     work.mkdir(parents=True, exist_ok=True)
-    call = delayed(_fold)
     say(f"training {count} folds of {len(people)} people, {len(_training_ends(plan, stream))} windows")
-    jobs = (call(plan, stream, group, losses, work / _name(plan, key, number)) for number, group in enumerate(groups))
-    made = Parallel(n_jobs=plan.jobs, return_as="list")(jobs)
+    parts = [
+        (plan, stream, group, losses, (work / _name(plan, key, number)).absolute())
+        for number, group in enumerate(groups)
+    ]
+    with workers(plan.jobs, plan.cluster) as pools:
+        made = run_all(pools, _fold, parts, "training")
     logits = [np.full((len(stream), made[0][0].shape[2]), np.nan) for _ in losses]
     for group, (own, _) in zip(groups, made, strict=True):
         where = np.isin(stream.subject, group)
@@ -96,7 +101,7 @@ def train_folds(plan: FoldPlan, stream: Stream, key: str, work: Path, say: Say =
 
 
 def _name(plan: FoldPlan, key: str, part: int | str) -> str:
-    shape = json.dumps([asdict(replace(plan, jobs=1)), key, LAYOUT_HASH], sort_keys=True)
+    shape = json.dumps([asdict(replace(plan, jobs=1, cluster=None)), key, LAYOUT_HASH], sort_keys=True)
     return f"fold-{part}.{hashlib.sha256(shape.encode()).hexdigest()[:12]}"
 
 

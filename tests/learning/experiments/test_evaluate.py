@@ -11,7 +11,7 @@ import pytest
 
 pytest.importorskip("torch")
 
-from hilbridge.learning.experiments.benchmark import Plan
+from hilbridge.learning.experiments.benchmark import FoldShape, Plan
 from hilbridge.learning.experiments.evaluate import evaluate
 from hilbridge.learning.training.recipes import Recipe
 
@@ -28,7 +28,7 @@ PLAN = Plan(
     overfit=replace(TINY, epochs=4, label_smoothing=0.0, learning_rate=1e-2),
     overfit_people=1,
     certificates=2,
-    paper=(40.0, replace(TINY, epochs=1), 8, 2),
+    paper=FoldShape((replace(TINY, epochs=1), TINY), 40.0, 8, 2),
 )
 KEYS = {
     "targets",

@@ -1,7 +1,7 @@
 """The paper's recipe on the synthetic benchmark: three subject-disjoint folds of 24 / 4 / 4 people, mean and deviation.
 
-As the paper has it, calibrators are fitted on the four people by whom training stops. The benchmark's own figures, with its
-own recipe and people of their own to calibrate on, stand beside: the same table, three folds and seeds.
+As the paper has it, calibrators are fitted on the four people by whom training stops. The recipe that `train --data` uses
+stands beside it on the same folds; each fold has a seed of its own.
 """
 
 from __future__ import annotations
@@ -22,11 +22,12 @@ from hilbridge.learning.calibrators import Calibration, Method
 from hilbridge.learning.data.stream import Stream
 from hilbridge.learning.data.synthetic import record_people
 from hilbridge.learning.data.windows import onset_ends
+from hilbridge.learning.experiments.benchmark import FoldShape
 from hilbridge.learning.experiments.tables import PAPER, with_top_confidence
 from hilbridge.learning.training.fit import fit_calibration
 from hilbridge.learning.training.gate_fit import GATE, TAU_BAND
 from hilbridge.learning.training.make_bundle import network_weights
-from hilbridge.learning.training.recipes import PAPER_RECIPE, Recipe
+from hilbridge.learning.training.recipes import Recipe
 from hilbridge.learning.training.replay import replay, stream_logits, watch, with_taus
 from hilbridge.learning.training.train import fit_network, predict_logits
 from hilbridge.wearer.timeline import BENCHMARK
@@ -36,12 +37,11 @@ Row = dict[str, Any]
 FIRST_SEED = 7_000
 FOLDS = 3
 STREAM_S = 240.0  # of each test person, every step, for E5
-PEOPLE, HELD = 32, 4
 E3 = ((0.5, 0.65), (0.25, 0.80))  # coverage, the paper's act-only precision
 E5_TAU, E5_PAPER = 0.5, {"none": 0.62, "temperature": 0.80}
 
 
-def folds_of(people: int = PEOPLE, held: int = HELD) -> list[tuple[list[int], list[int], list[int]]]:
+def folds_of(people: int, held: int) -> list[tuple[list[int], list[int], list[int]]]:
     """(train, stop and calibrate, test) seeds of each fold; nobody is tested twice."""
     order = [int(seed) for seed in np.random.default_rng(6).permutation(np.arange(FIRST_SEED, FIRST_SEED + people))]
     made = []
@@ -51,17 +51,22 @@ def folds_of(people: int = PEOPLE, held: int = HELD) -> list[tuple[list[int], li
     return made
 
 
-def run_fold(
-    folder: Path,
-    fold: int,
-    seconds: float = 900.0,
-    recipe: Recipe = PAPER_RECIPE,
-    people: int = PEOPLE,
-    held: int = HELD,
-) -> Path:
+def recordings(shape: FoldShape) -> list[tuple[int, float]]:
+    """(seed, seconds of which every step is kept) of everybody."""
+    tested = [(seed, STREAM_S) for _, _, test in folds_of(shape.people, shape.held) for seed in test]
+    return [*tested, *((seed, 0.0) for seed in range(FIRST_SEED, FIRST_SEED + shape.people))]
+
+
+def record_one(folder: Path, shape: FoldShape, seed: int, whole: float) -> None:
+    """One person, kept for the folds."""
+    record_people([seed], BENCHMARK, shape.seconds, folder / "streams", whole_seconds=whole)
+
+
+def run_fold(folder: Path, shape: FoldShape, fold: int, recipe: Recipe) -> Path:
     """Train one fold and keep its logits before onsets, and those of every step of the test people, with what is true."""
-    shape = seconds, replace(recipe, seed=fold), people, held, BENCHMARK, LAYOUT_HASH
-    path = folder / f"paper-{fold}.{hashlib.sha256(repr(shape).encode()).hexdigest()[:10]}.npz"
+    seconds, people, held = shape.seconds, shape.people, shape.held
+    made_of = seconds, replace(recipe, seed=fold), people, held, BENCHMARK, LAYOUT_HASH
+    path = folder / f"paper-{fold}.{hashlib.sha256(repr(made_of).encode()).hexdigest()[:10]}.npz"
     if path.is_file():
         return path
     parts = [
@@ -83,6 +88,16 @@ def run_fold(
     np.savez_compressed(partial, allow_pickle=False, **kept)
     partial.replace(path)
     return path
+
+
+def beside_the_paper(
+    paper: Sequence[Mapping[str, NDArray[Any]]], ours: Sequence[Mapping[str, NDArray[Any]]]
+) -> list[Row]:
+    """The paper's recipe, the one of `train --data` on the same folds, and what the paper says of another data set."""
+    return [
+        {**row, "best_mean": best["mean"], "best_deviation": best["deviation"]}
+        for row, best in zip(paper_rows(paper), paper_rows(ours), strict=True)
+    ]
 
 
 def paper_rows(folds: Sequence[Mapping[str, NDArray[Any]]]) -> list[Row]:

@@ -10,12 +10,12 @@ import pytest
 pytest.importorskip("torch")
 
 from hilbridge.learning.data.stream import Stream
-from hilbridge.learning.experiments.beyond.paper_folds import folds_of, paper_rows
+from hilbridge.learning.experiments.beyond.paper_folds import beside_the_paper, folds_of, paper_rows
 from hilbridge.verbs import VERBS
 
 
 def test_folds_are_24_4_4_and_nobody_is_tested_twice() -> None:
-    folds = folds_of()
+    folds = folds_of(32, 4)
     assert [tuple(len(part) for part in fold) for fold in folds] == [(24, 4, 4)] * 3
     for training, stopping, test in folds:
         assert len({*training, *stopping, *test}) == 32
@@ -57,4 +57,6 @@ def test_the_table_has_the_papers_rows_with_mean_and_deviation() -> None:
     assert rows["none: top1"]["mean"] == rows["isotonic: top1"]["mean"]
     assert rows["none: ece15"]["mean"] > rows["temperature: ece15"]["mean"]  # logits of three times their worth
     assert all(row["folds"] == 3 and row["deviation"] >= 0.0 for row in rows.values())
+    both = beside_the_paper([drawn(0)], [drawn(1)])
+    assert all(row["best_mean"] >= 0.0 and row["best_deviation"] is None for row in both)
     assert 0.5 < rows["closed loop at tau 0.5, temperature: act-only precision"]["mean"] <= 1.0
