@@ -59,6 +59,7 @@ MAY_IMPORT: dict[str, set[str]] = {
     "api": {"bus", "config", "features", "intent", "observe", "runtime", "sensors", "wire"},
     "cli_examples": set(),
     "cli_shared": set(),
+    "entry": set(),
     "cli_exchange": {"exchange", "intent", "terminal"},
     "cli_learning": {"wearer", "intent", "learning", "people", "terminal"},
     "bench": {"bench_prediction", "bus", "core", "intent", "observe", "runtime", "wire"},

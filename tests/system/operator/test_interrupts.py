@@ -50,9 +50,10 @@ def video(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @contextlib.contextmanager
 def device(bus: str, log: Path) -> Iterator[None]:
-    """A device of its own, which no Ctrl-C of ours reaches."""
-    command = [sys.executable, "-m", "firmware_sim.node", "--bus", bus, "--json-log", str(log)]
-    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, start_new_session=True) as process:
+    """A device of its own, which no Ctrl-C of ours reaches; it ends with this process, however that ends."""
+    command = [sys.executable, "-m", "firmware_sim.node", "--bus", bus, "--json-log", str(log), "--until-input-ends"]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, stdin=pipe, stdout=pipe, text=True, start_new_session=True) as process:
         assert process.stdout is not None
         assert "ready" in process.stdout.readline()
         try:
