@@ -37,6 +37,7 @@ def advance(state: ControllerState, inputs: Inputs, now_ms: int) -> None:
     """
     began = state.state
     state.outbox = ()
+    state.mac_checked = False
     _device_faults(state, inputs, now_ms)
     for frame in inputs.frames:
         receive(state, frame, inputs.random_u32, now_ms)

@@ -12,12 +12,13 @@ from typing import Any
 from firmware_sim.controllers import name_of, power_on, step_of
 from firmware_sim.memory import ControllerState, Inputs, Received
 from firmware_sim.plant.actuator import LAG_S, Actuator
-from firmware_sim.plant.arm import ARM_WEIGHT_NM, CARRIED_SHARE, Arm, wearer_torque
+from firmware_sim.plant.arm import ARM_WEIGHT_NM, CARRIED_SHARE, WEARERS, Arm, wearer_torque
 from firmware_sim.states import wire_name
 
 _TICK_S = 0.001
 _MDEG = math.degrees(1000.0)  # in one radian
 LOG_CYCLE_MS = 20
+ROW = 4  # numbers that `Device.coast` tells of each tick
 # The torque sensor is zeroed on the resting arm, whose weight the wearer carries to this share.
 _CARRIED_UNM = 1e6 * CARRIED_SHARE * ARM_WEIGHT_NM
 Muscles = Callable[[Arm, float], float]  # torque in N m at a time in s
@@ -33,6 +34,7 @@ class Device:
         self.arm = Arm()
         self.actuator = Actuator()
         self.muscles: Muscles = partial(wearer_torque, wearer) if isinstance(wearer, str) else wearer
+        self._wearer = WEARERS.index(wearer) if isinstance(wearer, str) else None
         self.encoder_offset_mdeg = 0
         self.wearer_extra_nm = 0.0
         self.local_clear = False
@@ -79,6 +81,27 @@ class Device:
         actuator.step(self._commanded_unm * 1e-6, _TICK_S)
         arm.step(actuator.torque_nm, wearer_nm, _TICK_S)
         return state.outbox
+
+    def coast(self, most: int, dropped: int = 0) -> tuple[tuple[tuple[int, bytes], ...], tuple[float, ...]]:
+        """Ticks without frames: `most`, or until one sends something, or what anybody watches has changed.
+
+        Returns what the last one sends; and angle, velocity, assist and support after each, in one list.
+        """
+        state, arm, actuator = self.state, self.arm, self.actuator
+        hindered = actuator.stuck or self.local_clear or dropped != self._dropped_seen
+        if hindered or self._wearer is None or isinstance(state, ControllerState):
+            sent, law = self.tick((), 0, 0, dropped), state.torque
+            return sent, (arm.angle, arm.velocity, law.assist_unm, law.gravity_unm)
+        elbow = (
+            self._wearer, arm.angle, arm.velocity, actuator.torque_nm, actuator.gain, actuator.lag_s, actuator.bias_nm,
+            self.wearer_extra_nm, self.encoder_offset_mdeg, self._commanded_unm,
+        )  # fmt: skip
+        done, actuator.torque_nm, self._commanded_unm, self.peak_assist_unm, path = state.coast(
+            (self.ticks, self.skipped_ms, most), elbow, self.self_test_ok, self.bus_off, self.peak_assist_unm
+        )
+        self.ticks += done
+        arm.angle, arm.velocity = path[-ROW], path[1 - ROW]
+        return state.outbox, path
 
     def skip(self, milliseconds: int) -> None:
         """Injected overrun: the device's own clock moves on without its control loop (`tick_overrun`)."""

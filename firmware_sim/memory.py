@@ -129,6 +129,7 @@ class ControllerState:
     session: int = 0
     key: bytes = field(default=b"", repr=False)
     freshness: int = 0
+    mac_checked: bool = False  # in this tick, which has time for one
     heartbeat_ms: int = 0
     challenge: Challenge | None = None
     last_session: int = 0

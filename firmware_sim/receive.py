@@ -198,9 +198,11 @@ def _act_auth(state: ControllerState, values: tuple[int, ...], now_ms: int) -> N
         authorisation_missing(state, now_ms)
         return
     recent = tuple(one for one in state.commands if watchdogs.fresh(one.arrived_ms, now_ms, watchdogs.AUTH_LIMIT_MS))
-    crowded = len(recent) == COMMAND_SLOTS  # there may have been more: whose MAC this is cannot be known
+    # There may have been more commands, or a tick's one MAC is spent: whose MAC this is cannot be known.
+    crowded = len(recent) == COMMAND_SLOTS or state.mac_checked
     freshness = secoc.whole_freshness(low_byte, state.freshness)
     known = () if crowded or not state.armed or freshness > secoc.FRESHNESS_LIMIT else recent
+    state.mac_checked |= bool(known)
     meant = next((one for one in reversed(known) if mac == _act_mac(state, freshness, one.data)), None)
     if meant is not None:
         state.freshness = freshness
@@ -280,6 +282,11 @@ def _arm_response(state: ControllerState, values: tuple[int, ...], now_ms: int) 
         reject(state, Reject.HANDSHAKE)
         state.refusal = Refusal.DISTURBED if challenge is not None and challenge.disturbed else Refusal.LATE
         return
+    if state.mac_checked:  # a tick has time for one; the challenge stands, and the bridge asks again
+        reject(state, Reject.HANDSHAKE)
+        state.refusal = Refusal.DISTURBED
+        return
+    state.mac_checked = True
     state.challenge = None
     key = secoc.session_key(state.shared_key, challenge.bridge_nonce, challenge.device_nonce, state.boot_nonce, session)
     expected = secoc.arm_mac(key, challenge.purpose, session, challenge.bridge_nonce, challenge.device_nonce)

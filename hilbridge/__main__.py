@@ -1,5 +1,12 @@
 """`python -m hilbridge`: the same as `hilbridge`."""
 
-from hilbridge.cli import main
+from hilbridge.entry import start
 
-main()
+
+def main() -> None:
+    """Entry point."""
+    start("hilbridge.cli")
+
+
+if __name__ == "__main__":
+    main()

@@ -62,6 +62,7 @@ def guarded(command: Callable[[], object], name: str) -> int:
     _be_brief(name)
     try:
         try:
+            _hear_interrupts()
             returned = command()
         finally:
             _flush()
@@ -72,6 +73,13 @@ def guarded(command: Callable[[], object], name: str) -> int:
     if code == INTERRUPTED:
         _say(name, "interrupted")
     return code
+
+
+def _hear_interrupts() -> None:
+    """From here on Ctrl-C is an exception: until here it ended the program (`hilbridge.entry`)."""
+    if signal.getsignal(signal.SIGINT) is signal.SIG_DFL:
+        with contextlib.suppress(ValueError):  # not the main thread
+            signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @contextlib.contextmanager

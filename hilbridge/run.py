@@ -161,6 +161,9 @@ async def run_bridge(
     except ExceptionGroup as group:
         await asyncio.to_thread(recording.close)
         raise group.exceptions[0] from None
+    except BaseException:  # Ctrl-C while it starts: what was begun is whole
+        recording.close()
+        raise
     await asyncio.to_thread(recording.close)
     if config.recording.retain_days is not None:
         await asyncio.to_thread(_forget_old, folder, config.recording.retain_days, watcher)

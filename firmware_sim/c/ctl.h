@@ -115,6 +115,7 @@ typedef struct {
     uint8_t session;
     uint8_t key[CTL_KEY_LENGTH];
     uint32_t freshness;
+    bool mac_checked; /* in this tick */
     int64_t heartbeat_ms;
     ctl_challenge challenge;
     uint8_t last_session, refusal;

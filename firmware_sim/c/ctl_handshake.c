@@ -62,6 +62,12 @@ void ctl_arm_response(ctl_state *state, const uint32_t *values, int64_t now_ms) 
         state->refusal = challenge.disturbed ? CTL_REFUSAL_DISTURBED : CTL_REFUSAL_LATE;
         return;
     }
+    if (state->mac_checked) { /* a tick has time for one; the challenge stands, and the bridge asks again */
+        ctl_reject(state, CTL_REJECT_HANDSHAKE);
+        state->refusal = CTL_REFUSAL_DISTURBED;
+        return;
+    }
+    state->mac_checked = true;
     ctl_session_key(state, key);
     state->challenge = (ctl_challenge){0};
     if (values[0] != ctl_arm_mac(key, &challenge)) {

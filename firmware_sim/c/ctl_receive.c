@@ -234,10 +234,12 @@ static void act_auth(ctl_state *state, const uint32_t *values, int64_t now_ms) {
     for (size_t at = 0; at < state->command_count; at++) {
         young += recent(&state->commands[at], now_ms);
     }
-    bool crowded = young == CTL_COMMAND_SLOTS; /* there may have been more: whose MAC this is cannot be known */
+    /* There may have been more commands, or a tick's one MAC is spent: whose MAC this is cannot be known. */
+    bool crowded = young == CTL_COMMAND_SLOTS || state->mac_checked;
     uint64_t freshness = ctl_whole_freshness((uint8_t)values[0], state->freshness);
     const ctl_command *meant = NULL;
-    if (!crowded && state->armed && freshness <= UINT32_MAX) {
+    if (!crowded && young > 0 && state->armed && freshness <= UINT32_MAX) {
+        state->mac_checked = true;
         meant = meant_by(state, (uint32_t)freshness, values[1], now_ms);
     }
     if (meant != NULL) {

@@ -198,6 +198,7 @@ static bool no_follow(const ctl_state *state) {
 void ctl_step(ctl_state *state, const ctl_inputs *inputs, ctl_outputs *outputs) {
     uint8_t began = state->state;
     state->outbox_count = 0;
+    state->mac_checked = false;
     device_faults(state, inputs);
     for (size_t at = 0; at < inputs->count; at++) {
         ctl_receive(state, &inputs->frames[at], inputs->random_u32, inputs->now_ms);

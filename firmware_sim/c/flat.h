@@ -7,7 +7,7 @@
 #define FLAT_PLAIN(X) \
     X(boot_nonce) X(last_tick_ms) X(state) X(reason) X(ramp_fault) X(verb) X(assist_since_ms) X(self_test_ms) \
     X(command_live) X(command_ms) X(command_is_hold) X(accepted_counter) X(neutral) X(armed) X(session) \
-    X(freshness) X(heartbeat_ms) X(last_session) X(handshake_rest_ms) X(refusal) X(clear_until_ms) X(was_bus_off) \
+    X(freshness) X(mac_checked) X(heartbeat_ms) X(last_session) X(handshake_rest_ms) X(refusal) X(clear_until_ms) X(was_bus_off) \
     X(mac_failures) X(tracking_doubt) X(sensor_doubt) X(healthy_ticks) X(previous_user_unm) X(status_due_ms) \
     X(meas_due_ms) X(heartbeat_due_ms) X(diag_due_ms) X(diag_index) X(emergencies) X(follow_unm)
 #define FLAT_LAW(X) \

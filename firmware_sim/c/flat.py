@@ -18,12 +18,13 @@ from firmware_sim.memory import Challenge, Command, ControllerState, PendingAct
 PLAIN = (
     "boot_nonce", "last_tick_ms", "state", "reason", "ramp_fault", "verb", "assist_since_ms", "self_test_ms",
     "command_live", "command_ms", "command_is_hold", "accepted_counter", "neutral", "armed", "session", "freshness",
-    "heartbeat_ms", "last_session", "handshake_rest_ms", "refusal", "clear_until_ms", "was_bus_off", "mac_failures",
+    "mac_checked", "heartbeat_ms", "last_session", "handshake_rest_ms", "refusal", "clear_until_ms", "was_bus_off",
+    "mac_failures",
     "tracking_doubt", "sensor_doubt", "healthy_ticks", "previous_user_unm", "status_due_ms", "meas_due_ms",
     "heartbeat_due_ms", "diag_due_ms", "diag_index", "emergencies", "follow_unm",
 )  # fmt: skip
 LAW = tuple(field.name for field in fields(Torque) if field.name != "peaks")
-_BOOLEAN = ("ramp_fault", "command_live", "command_is_hold", "armed", "was_bus_off")
+_BOOLEAN = ("ramp_fault", "command_live", "command_is_hold", "armed", "mac_checked", "was_bus_off")
 _SLOTS = len(frames.RECEIVED_IDS)
 _plain = attrgetter(*PLAIN)
 _law = attrgetter(*LAW)

@@ -1,4 +1,4 @@
-"""`python -m firmware_sim.c.generate`: write ctl_tables.h and ctl_tables.c, what the C takes from the Python sources.
+"""`python -m firmware_sim.c.generate`: write ctl_tables.h, ctl_tables.c and elbow_numbers.h, what the C takes from Python.
 
 States, events, reasons, the transition table, limits, profiles, message layout and the curves of the torque law stand in
 Python alone. A test compares the files with what this module makes. The layout is held to the DBC by its own test.
@@ -6,14 +6,16 @@ Python alone. A test compares the files with what this module makes. The layout 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from enum import IntEnum
 from pathlib import Path
 from types import ModuleType
 
-from firmware_sim import e2e, frames, memory, profiles, secoc, states, torque, transitions, transmit, watchdogs
+from firmware_sim import device, e2e, frames, memory, profiles, secoc, states, torque, transitions, transmit, watchdogs
 from firmware_sim.law import allowance, damping, filters, guidance, numbers, support
 from firmware_sim.law import memory as law_memory
+from firmware_sim.plant import actuator, arm
 
 HOME = Path(__file__).parent
 _NOTE = "/* Made by `python -m firmware_sim.c.generate` from the Python sources. Do not edit. */\n"
@@ -155,9 +157,29 @@ def source() -> str:
     return "\n".join(parts) + "\n"
 
 
+def plant() -> str:
+    """elbow_numbers.h: the simulated arm and motor, exact to the last bit."""
+    found = {
+        **_reals(arm),
+        "LIMIT_NM": actuator.LIMIT_NM,
+        "PI": math.pi,
+        "RADIANS": math.radians(1.0),
+        **_reals(device),
+    }
+    found["STILL_AT"] = found.pop("STILL")
+    lines = [f"#define ELBOW_{name} {value.hex()} /* {value!r} */" for name, value in found.items()]
+    lines += [f"#define ELBOW_{name.upper()} {place}" for place, name in enumerate(arm.WEARERS)]
+    return "\n".join([_NOTE, "#ifndef ELBOW_NUMBERS_H", "#define ELBOW_NUMBERS_H", "", *lines, "", "#endif"]) + "\n"
+
+
+def _reals(module: ModuleType) -> dict[str, float]:
+    """What is written in capitals and is no whole number."""
+    return {name.lstrip("_"): value for name, value in vars(module).items() if name.isupper() and type(value) is float}
+
+
 def made() -> dict[Path, str]:
     """Every file and what belongs into it."""
-    return {HOME / "ctl_tables.h": header(), HOME / "ctl_tables.c": source()}
+    return {HOME / "ctl_tables.h": header(), HOME / "ctl_tables.c": source(), HOME / "elbow_numbers.h": plant()}
 
 
 if __name__ == "__main__":

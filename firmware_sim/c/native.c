@@ -3,9 +3,12 @@
 #include <Python.h>
 
 #include "ctl_parts.h"
+#include "elbow.h"
 #include "flat.h"
 
 #define MOST_FRAMES 1024
+#define MOST_TICKS 64 /* of one call of `coast` */
+#define ROW 4         /* numbers that it tells of each */
 #ifndef CTL_DIGEST
 #define CTL_DIGEST "" /* of the sources; setup.py gives it */
 #endif
@@ -235,6 +238,85 @@ static PyObject *advance(PyObject *self, PyObject *const *args, Py_ssize_t given
     Py_RETURN_NONE;
 }
 
+/* Ticks without frames, with the simulated elbow: one call for a stretch in which nothing happens. */
+
+/* What somebody may want to hear of at once: more than that time went by. */
+typedef struct {
+    uint8_t state, reason;
+    bool armed, assists, carries;
+    uint32_t trips;
+} mark;
+
+static mark mark_of(const ctl_state *s) {
+    return (mark){s->state, s->reason, s->armed, s->torque.assist_unm != 0, s->torque.gravity_unm != 0, s->counters[CTL_COUNT_TRIPS]};
+}
+
+static bool same(mark a, mark b) {
+    return a.state == b.state && a.reason == b.reason && a.armed == b.armed && a.assists == b.assists &&
+           a.carries == b.carries && a.trips == b.trips;
+}
+
+/* Step until something happens or `most` ticks are over: how many there were. Angle, velocity, assist and support after each. */
+static long stretch(ctl_state *s, elbow *one, ctl_inputs *inputs, long ticks, long most, double *after, int64_t *peak) {
+    mark before = mark_of(s);
+    long done = 0;
+    bool quiet = true;
+    while (done < most && quiet) {
+        ctl_outputs outputs;
+        double wearer_nm = elbow_wearer_nm(one, (double)(ticks + done + 1) * ELBOW_TICK_S);
+        elbow_read(one, wearer_nm, inputs);
+        inputs->now_ms++;
+        ctl_step(s, inputs, &outputs);
+        elbow_move(one, wearer_nm, &outputs);
+        *peak = ctl_max(*peak, ctl_abs(outputs.assist_unm));
+        after[ROW * done] = one->angle;
+        after[ROW * done + 1] = one->velocity;
+        after[ROW * done + 2] = (double)outputs.assist_unm;
+        after[ROW * done + 3] = (double)outputs.gravity_unm;
+        done++;
+        quiet = outputs.count == 0 && same(mark_of(s), before);
+    }
+    return done;
+}
+
+static PyObject *reals(const double *values, Py_ssize_t count) {
+    PyObject *made = PyTuple_New(count);
+    for (Py_ssize_t at = 0; made != NULL && at < count; at++) {
+        PyTuple_SET_ITEM(made, at, PyFloat_FromDouble(values[at]));
+    }
+    return made;
+}
+
+static PyObject *coast(PyObject *self, PyObject *args) {
+    Controller *c = (Controller *)self;
+    elbow one;
+    ctl_inputs inputs = {0};
+    long ticks, skipped, most;
+    long long offset, commanded, peak;
+    int self_test_ok, bus_off;
+    double after[ROW * MOST_TICKS];
+    if (!PyArg_ParseTuple(args, "(lll)(ldddddddLL)ppL", &ticks, &skipped, &most, &one.wearer, &one.angle, &one.velocity,
+                          &one.torque_nm, &one.gain, &one.lag_s, &one.bias_nm, &one.extra_nm, &offset, &commanded,
+                          &self_test_ok, &bus_off, &peak)) {
+        return NULL;
+    }
+    one.encoder_offset_mdeg = offset;
+    one.commanded_unm = commanded;
+    inputs.now_ms = ticks + skipped;
+    inputs.self_test_ok = self_test_ok;
+    inputs.bus_off = bus_off;
+    int64_t highest = peak;
+    long done = stretch(&c->state, &one, &inputs, ticks, most < MOST_TICKS ? most : MOST_TICKS, after, &highest);
+    PyObject *outbox = made_outbox(&c->state), *path = reals(after, ROW * done);
+    if (outbox == NULL || path == NULL) {
+        Py_XDECREF(outbox);
+        Py_XDECREF(path);
+        return NULL;
+    }
+    Py_XSETREF(c->outbox, outbox);
+    return Py_BuildValue("ldLLN", done, one.torque_nm, (long long)one.commanded_unm, (long long)highest, path);
+}
+
 /* The whole state as whole numbers. */
 
 static PyObject *dump(PyObject *self, PyObject *unused) {
@@ -308,6 +390,7 @@ static PyObject *copied(PyObject *self, PyObject *unused) {
 
 static PyMethodDef controller_methods[] = {
     {"advance", (PyCFunction)(void (*)(void))advance, METH_FASTCALL, "advance(inputs, now_ms): one tick, in place."},
+    {"coast", coast, METH_VARARGS, "Ticks without frames until one brings something: see firmware_sim/device.py."},
     {"dump", dump, METH_NOARGS, "The whole state as whole numbers; the order is that of flat.py."},
     {"load", load, METH_O, "Become the state that `dump` gave."},
     {"differs", differs, METH_O, "Where a dump differs from this state; -1: nowhere."},

@@ -219,6 +219,11 @@ class Bridge:
         self._stops = tuple(now_ns + STOP_GAP_NS * k for k in range(STOP_REPEATS))
         return self.poll(now_ns)
 
+    @property
+    def is_stopping(self) -> bool:
+        """STOP frames are still to come from `poll`."""
+        return bool(self._stops)
+
     def request_clear_latch(self) -> None:
         """Authenticate the clearing of a latch or stop, until the hand at the device has cleared it."""
         self._clear_wanted = True

@@ -20,7 +20,7 @@ from hilbridge.core.gate import GateConfig
 from hilbridge.errors import InputError
 from hilbridge.intent.bundle import Bundle, Thresholds, demo_bundle_path, load_bundle
 from hilbridge.intent.predictor import Predictor
-from hilbridge.intent.provenance import LEAST_PEOPLE, refusal
+from hilbridge.intent.provenance import LEAST_PEOPLE, Origin, refusal
 from hilbridge.intent.tremor import TremorGuard
 from hilbridge.limits import MS
 from hilbridge.rows import EventRow, TickRow
@@ -104,9 +104,16 @@ def build_node(
     config: BusConfig,
     on_event: Callable[[int, str], None],
     predict: Predicts | None = None,
+    *,
+    on_a_bench: bool = False,
 ) -> BridgeNode:
-    """The node for a connected port. Raises InputError for a key that may not be used on it."""
-    if port.is_physical and config.arm:
+    """The node for a connected port. Raises InputError for a key that may not be used on it.
+
+    `on_a_bench`: somebody has said that nobody wears the device; then a bundle of simulated people alone arms (decision 404).
+    """
+    if port.is_physical and config.arm and on_a_bench:
+        refuse_people(config.spec, parts.bundle)
+    elif port.is_physical and config.arm:
         why = refusal(parts.bundle.provenance, parts.bundle.doubt, parts.gate.tau_on, uncertified=config.uncertified)
         other = _another_gate(parts)
         if why is not None:
@@ -131,6 +138,14 @@ def build_node(
     key = load_key(Path(config.key_file) if config.key_file else None, physical=port.is_physical and config.arm)
     asked = BridgeConfig(arm=config.arm or not port.is_physical, listen_only=port.listen_only)
     return assemble_node(parts, key, lambda: secrets.randbits(32), asked, on_event, predict)
+
+
+def refuse_people(spec: str, bundle: Bundle) -> None:
+    """Raises InputError unless the bundle says that it is of simulated people: a bench must never be a person's bus."""
+    origin = None if bundle.provenance is None else bundle.provenance.origin
+    if origin is not Origin.SIMULATED or bundle.doubt is not None:
+        of = bundle.doubt or origin or "unknown origin"
+        raise InputError(f"bus {spec}: the bundle is of {of}, and only one of simulated people is for a bench")
 
 
 def _another_gate(parts: Parts) -> str | None:

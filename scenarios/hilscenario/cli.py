@@ -108,19 +108,29 @@ def run(
     reset_command: Annotated[
         str | None, typer.Option(metavar="COMMAND", help="with --device external: resets it, before each scenario")
     ] = None,
+    i_am_on_a_bench: Annotated[
+        bool, typer.Option("--i-am-on-a-bench", help="with --device external: nobody wears it; allows a physical bus")
+    ] = False,
+    key_file: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="with --device external: the key that the device has")
+    ] = None,
     force: Annotated[bool, typer.Option("--force", help="with --live: replace recordings that --out holds")] = False,
     as_json: Json = False,
 ) -> None:
     """Run scenarios and judge them; exit 1 when one fails, 2 for input that cannot be used."""
     from hilscenario.format.collect import collect, located
-    from hilscenario.live.external import external_device
+    from hilscenario.live.external import external_device, refuse_key
     from hilscenario.live.possible import live_bus
     from hilscenario.runner import RunOptions, refuse_recorded, run_all, sort_out
     from hilscenario.terminal import print_results, progress_bar
     from hilscenario.verdict.junit import write_junit
 
-    spec = live_bus(bus, live=live, profile=profile)
-    external = external_device(device, plant_bus, reset_command, live=live)
+    external = external_device(
+        device, plant_bus, reset_command, live=live, on_a_bench=i_am_on_a_bench, key_file=key_file
+    )
+    spec = live_bus(bus, live=live, profile=profile, external=external is not None, on_a_bench=i_am_on_a_bench)
+    if spec is not None and external is not None:
+        refuse_key(spec, external)
     named = [path for path in map(located, paths) if not path.is_dir()]
     found, skipped = sort_out(collect(paths), named, spec, external=external is not None)
     if not found:

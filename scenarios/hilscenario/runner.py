@@ -118,6 +118,8 @@ def _run_one(path: Path, scenario: Scenario, name: str, options: RunOptions) -> 
     if options.external is not None:
         plant = [] if options.external.plant_bus is None else ["--plant-bus", options.external.plant_bus]
         live += ["--device", "external", *plant]
+        live += ["--i-am-on-a-bench"] if options.external.on_a_bench else []
+        live += [] if options.external.key_file is None else ["--key-file", str(options.external.key_file)]
     replay = shlex.join(["hilscenario", "run", str(path), "--seed", str(scenario.seed), *live])
     page = ""
     if folder is not None:

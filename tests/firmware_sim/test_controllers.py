@@ -2,13 +2,19 @@
 
 from __future__ import annotations
 
+import random
+
 import pytest
 
 from firmware_sim import controllers, device, node
 from firmware_sim.c import binding
+from firmware_sim.c.flat import flat
 from firmware_sim.controllers import ControllerUnusable, name_of, power_on
+from firmware_sim.memory import COUNT_TX_DROPPED
+from firmware_sim.plant.arm import WEARERS
 from firmware_sim.secoc import DEMO_KEY
 from firmware_sim.watchdogs import Limits
+from tests.safety import hand
 
 built = pytest.mark.skipif(not binding.available(), reason="the C controller is not built")
 
@@ -24,6 +30,61 @@ def test_a_device_with_the_c_does_as_one_with_the_reference() -> None:
     theirs.start_anew(DEMO_KEY, 9)
     assert name_of(theirs.state) == "c"
     assert (theirs.state.boot_nonce, theirs.state.limits) == (9, limits)
+
+
+@built
+@pytest.mark.parametrize("wearer", WEARERS)
+def test_ticks_made_at_once_are_those_made_one_by_one_to_the_last_bit(wearer: str) -> None:
+    chance = random.Random(wearer)
+    assisting = hand.Hand().to_assist(hand.POUR).state
+    slow, quick = (device.Device(power_on(name, DEMO_KEY, 7), wearer) for name in ("python", "c"))
+    slow.state = assisting
+    quick.state.load(flat(assisting))  # type: ignore[attr-defined]  # a state of C
+    slow.skipped_ms = quick.skipped_ms = assisting.last_tick_ms
+    pushed = 0
+    while quick.ticks < 3000:
+        if chance.random() < 0.02:
+            slow.wearer_extra_nm = quick.wearer_extra_nm = chance.uniform(-9.0, 9.0)  # into the stops, too
+            lag_s, bias_nm = chance.uniform(0.001, 0.05), chance.choice((0.0, -9.0, 9.0))
+            for one in (slow, quick):
+                one.break_motor(lag_s=lag_s, bias_nm=bias_nm)
+                one.encoder_offset_mdeg = chance.choice((0, 0, 4_000)) if one is slow else slow.encoder_offset_mdeg
+        sent, path = quick.coast(chance.randrange(1, 30))
+        rows = [path[at : at + device.ROW] for at in range(0, len(path), device.ROW)]
+        pushed += sum(row[2] != 0 for row in rows[:-1])
+        for row in rows:
+            told = slow.tick((), 5)
+            law = slow.state.torque
+            assert row == (slow.arm.angle, slow.arm.velocity, law.assist_unm, law.gravity_unm)
+            assert told == (sent if row is rows[-1] else ())
+        assert quick.state.dump() == flat(slow.state)
+        assert (quick.actuator, quick.peak_assist_unm) == (slow.actuator, slow.peak_assist_unm)
+    assert slow.arm == quick.arm
+    assert pushed > 20  # several with torque at once, too
+
+
+@pytest.mark.parametrize("name", ["python", pytest.param("c", marks=built)])
+def test_ticks_are_made_one_by_one_where_something_has_to_be_heard(name: str) -> None:
+    one = device.Device(power_on(name, DEMO_KEY, 7))
+    one.local_clear = True
+    assert len(one.coast(9)[1]) == device.ROW
+    assert not one.local_clear
+    one.coast(9, dropped=3)
+    assert one.state.counters[COUNT_TX_DROPPED] == 3
+    one.break_motor(stuck=True)
+    torque_nm = one.actuator.torque_nm
+    assert len(one.coast(9, dropped=3)[1]) == device.ROW
+    assert one.actuator.torque_nm == torque_nm
+
+
+@built
+def test_a_stretch_ends_with_the_tick_that_brings_something() -> None:
+    one = device.Device(power_on("c", DEMO_KEY, 7), "still")
+    while one.ticks < 500:
+        sent, path = one.coast(64)
+        made = len(path) // device.ROW
+        assert sent or made == 64 or one.ticks <= 60  # while it boots
+    assert one.ticks - 500 < 64
 
 
 @pytest.mark.parametrize(

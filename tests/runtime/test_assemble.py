@@ -165,6 +165,29 @@ def test_h1_another_gate_than_was_certified_may_not_arm_a_physical_bus(
     node_for(other, FakePort(False, False), BusConfig(spec="vcan0"))
 
 
+def test_a_bench_arms_with_simulated_people_and_an_own_key_alone(
+    parts: Parts, of_people: Parts, tmp_path: Path
+) -> None:
+    key = tmp_path / "own.key"
+    key.write_text("0f" * 16)
+    key.chmod(0o600)
+    config, port = BusConfig(spec="can0", arm=True, key_file=str(key)), FakePort(True, False)
+
+    def bench(of: Parts, config: BusConfig = config) -> BridgeNode:
+        return build_node(of, port, config, lambda now_ns, text: None, on_a_bench=True)  # type: ignore[arg-type]
+
+    assert bench(parts).bridge._config.arm
+    unknown = replace(parts, bundle=replace(parts.bundle, provenance=None))
+    doubted = replace(parts, bundle=replace(parts.bundle, doubt="its seal is broken"))
+    for of, said in ((of_people, "recorded people"), (unknown, "unknown origin"), (doubted, "its seal is broken")):
+        with pytest.raises(
+            InputError, match=f"the bundle is of {said}, and only one of simulated people is for a bench"
+        ):
+            bench(of)
+    with pytest.raises(InputError, match="demo key is public"):
+        bench(parts, BusConfig(spec="can0", arm=True))
+
+
 def test_an_uncertified_bench_says_so(of_people: Parts, tmp_path: Path) -> None:
     record = replace(AFFIRMED, certificate=None)
     bare = replace(of_people, bundle=replace(of_people.bundle, provenance=record))

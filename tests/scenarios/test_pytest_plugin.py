@@ -93,3 +93,13 @@ def test_unused_it_imports_nothing_of_ours(tmp_path: Path) -> None:
     )
     code, told = run(tmp_path, "-p", "no:hypothesispytest", "-p", "no:jaxtyping", "test_other.py")
     assert code == 0, told
+
+
+def test_modules_of_ours_are_loaded_as_they_are(tmp_path: Path) -> None:
+    (tmp_path / "test_other.py").write_text(
+        "import importlib.machinery, hilbridge.demo, hilscenario.pytest_bridge, sys\n\ndef test_it():\n"
+        "    for name in ('hilbridge.demo', 'hilscenario.pytest_bridge', 'hilbridge.rows'):\n"
+        "        assert type(sys.modules[name].__spec__.loader) is importlib.machinery.SourceFileLoader\n"
+    )
+    code, told = run(tmp_path, "test_other.py")
+    assert code == 0, told

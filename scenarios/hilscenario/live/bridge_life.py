@@ -17,15 +17,19 @@ AWAY = {"bridge.hang": "hung", "bridge.stall": "stalled", "bridge.kill": "dead",
 class BridgeLife:
     """The present process is `handle`; `dead` while there is none that was told to tick."""
 
-    def __init__(self, scenario: Scenario, spec: BusSpec, folder: Path) -> None:
+    def __init__(
+        self, scenario: Scenario, spec: BusSpec, folder: Path, key_file: Path | None = None, *, on_a_bench: bool = False
+    ) -> None:
         self._scenario, self._spec, self._folder = scenario, spec, folder
+        self._key_file, self._on_a_bench = key_file, on_a_bench
         self._born = 0
         self.dead = False
         self.handle = self._start()
 
     def _start(self) -> BridgeHandle:
         self._born += 1
-        return BridgeHandle(Job(self._scenario, self._spec, self._folder / f"bridge-{self._born}.jsonl"))
+        log = self._folder / f"bridge-{self._born}.jsonl"
+        return BridgeHandle(Job(self._scenario, self._spec, log, self._key_file, self._on_a_bench))
 
     def order(self, order: Order) -> None:
         """Tell the process; a dead one is not told."""

@@ -54,6 +54,7 @@ class Director:
 
     def __init__(self, scenario: Scenario, spec: BusSpec, folder: Path, external: External | None = None) -> None:
         self._external = external
+        self._is_physical = device_spec(str(spec)).physical
         self.scenario, self.spec, self.folder = scenario, own_bus(scenario, spec), folder
         self.board = FaultBoard(scenario.steps)
         self.happened = Happened()
@@ -97,7 +98,10 @@ class Director:
         else:
             command = self._external.reset_command or self.scenario.device.reset_command
             self._device = ExternalDevice(self.spec, self._external, arm, command, self.folder)
-        self._bridge = BridgeLife(self.scenario, self.spec, self.folder)
+        asked = self._external or External()
+        self._bridge = BridgeLife(
+            self.scenario, self.spec, self.folder, asked.key_file, on_a_bench=asked.on_a_bench and self._is_physical
+        )
         await_ready(*handles, self._bridge.handle)
         if any(step.fault in INTRUDER_FAULTS for step in self.scenario.steps):
             self._intruder = LiveIntruder(device_spec(str(self.spec)), self.scenario.seed)

@@ -11,38 +11,63 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from firmware_sim.attachment import Attachment, parse_spec
+from firmware_sim.frames import OWN_IDS, STOP
 from hilbridge.bus.port.spec import BusSpec
 from hilbridge.errors import InputError
 from hilbridge.records import Frame
 from hilbridge.wire.codec import Codec
+from hilbridge.wire.keys import load_key
 from hilscenario.live.witness import Witness
 
 STATUS, LATCHED = 0x0A0, 7  # CTRL_STATUS, and the states from which on a device is stopped
 _OURS = frozenset({0x060, 0x061, 0x120, 0x180, 0x182, 0x300})
+_KNOWN = _OURS | {STOP, *OWN_IDS}
+_ALONE = "Take everybody but the device off the bus"
 _PLANT_S = 20.0
 
 
 class External(NamedTuple):
-    """What `--device external` was given: the plant bus to run an arm on, and what resets the device, if any."""
+    """What `--device external` was given: the plant bus to run an arm on, and what resets the device, if any; and, for a
+    physical bus, that nobody wears the device, and the key that it has.
+    """
 
     plant_bus: str | None = None
     reset_command: str | None = None
+    on_a_bench: bool = False
+    key_file: Path | None = None
 
 
 def external_device(
-    device: str, plant_bus: str | None, reset_command: str | None = None, *, live: bool
+    device: str,
+    plant_bus: str | None,
+    reset_command: str | None = None,
+    *,
+    live: bool,
+    on_a_bench: bool = False,
+    key_file: Path | None = None,
 ) -> External | None:
     """What `--device` and what goes with it ask for; None is the simulated device. Raises InputError."""
     if device not in ("simulated", "external"):
         raise InputError(f"--device {device}: there are simulated and external")
     if device == "simulated":
-        if plant_bus is not None or reset_command is not None:
-            given = "--plant-bus" if plant_bus is not None else "--reset-command"
+        asked = {
+            "--plant-bus": plant_bus,
+            "--reset-command": reset_command,
+            "--i-am-on-a-bench": on_a_bench or None,
+            "--key-file": key_file,
+        }
+        given = next((option for option, value in asked.items() if value is not None), None)
+        if given is not None:
             raise InputError(f"{given}: is for a device of yours; add --device external, or leave it out")
         return None
     if not live:
         raise InputError("--device external: virtual time has no device of yours; add --live --bus BUS")
-    return External(plant_bus, reset_command)
+    return External(plant_bus, reset_command, on_a_bench, key_file)
+
+
+def refuse_key(spec: BusSpec, external: External) -> None:
+    """Raises InputError for a key that may not be used on this bus: the demo key on a physical one."""
+    load_key(external.key_file, physical=parse_spec(str(spec)).physical)
 
 
 class HeardRows:
@@ -50,13 +75,16 @@ class HeardRows:
 
     def __init__(self, bus: Attachment, witness: Witness) -> None:
         self._bus, self._witness = bus, witness
+        self._watched = bus.spec.physical
         self.more: list[dict[str, Any]] = []
 
     def new(self) -> list[dict[str, Any]]:
-        """Lines of what was heard since."""
+        """Lines of what was heard since. Raises InputError for an unknown node on a physical bus."""
         lines, self.more = self.more, []
         for arrival in self._bus.read(time.monotonic_ns()):
             frame = arrival.frame
+            if self._watched and frame.can_id not in _KNOWN:
+                raise InputError(f"bus: an unknown node sends {frame.can_id:#05x}; the run has ended. {_ALONE}")
             kind = {} if frame.plain else {"is_remote": True}
             lines += self._witness.take(Frame(frame.can_id, frame.data, arrival.arrived_ns, **kind))
         return lines
@@ -78,10 +106,12 @@ class ExternalDevice:
         self.rows = HeardRows(self._bus, self._witness)
         self._reset_command = reset_command
         self._said = folder / "plant.out"
+        self._on_a_bench = asked.on_a_bench
         self._plant = None if asked.plant_bus is None else self._start(asked.plant_bus, arm)
 
     def _start(self, plant_bus: str, arm: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", "firmware_sim.bench.process", "--bus", plant_bus, "--wearer-torque", arm]
+        command += ["--i-am-on-a-bench"] if self._on_a_bench else []
         with self._said.open("wb") as said:
             plant = subprocess.Popen(command, stdin=subprocess.DEVNULL, stdout=said, stderr=said)
         end_s = time.monotonic() + _PLANT_S
@@ -132,9 +162,16 @@ def reset(command: str) -> None:
 
 
 def refuse_silence(spec: BusSpec, heard: Mapping[int, bytes]) -> None:
-    """Raises InputError unless a device that is not stopped, and no bridge, is heard: identifier -> its last data."""
+    """Raises InputError unless a device that is not stopped, and no bridge, is heard: identifier -> its last data.
+
+    On a physical bus nobody else may be heard at all.
+    """
     if bridge := heard.keys() & _OURS:
         raise InputError(f"bus {spec}: a bridge is on it already ({min(bridge):#05x}); end it, or use another bus")
+    strangers = sorted(heard.keys() - set(OWN_IDS)) if parse_spec(str(spec)).physical else []
+    if strangers:
+        named = ", ".join(f"{can_id:#05x}" for can_id in strangers[:4])
+        raise InputError(f"bus {spec}: an unknown node sends {named}. {_ALONE}")
     if STATUS not in heard:
         raise InputError(
             f"bus {spec}: no device under test is heard (no CTRL_STATUS in 0.6 s); start it, check wires and bit rate"

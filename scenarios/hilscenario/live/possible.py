@@ -7,11 +7,13 @@ from typing import NamedTuple
 
 from firmware_sim.attachment import parse_spec as device_spec
 from hilbridge.bus.port.spec import BusSpec, parse_spec
+from hilbridge.conformance.admission import admit_bus
 from hilbridge.errors import InputError
 from hilscenario.format.schema import BusPart, DevicePart, Scenario, Session
 from hilscenario.format.vocabulary import WIRE_FAULTS
 from hilscenario.world.arm import PUSHING
 from hilscenario.world.device_faults import RESTART
+from hilscenario.world.parts import bundle
 
 # A wire that can be broken or full: the simulated bus's own. A kernel's vcan has none.
 _NEED_A_WIRE = (*WIRE_FAULTS, "bus.babble")
@@ -63,10 +65,13 @@ def _impossible_outside(scenario: Scenario) -> Impossible | None:
     return None
 
 
-def live_bus(bus: str | None, *, live: bool, profile: bool) -> BusSpec | None:
+def live_bus(
+    bus: str | None, *, live: bool, profile: bool, external: bool = False, on_a_bench: bool = False
+) -> BusSpec | None:
     """The bus that `--live --bus` asks for; None for virtual time. Raises InputError for one that may reach a wire.
 
-    No option allows a physical bus: a live scenario plays the device as well, and injects faults on purpose.
+    A physical bus is for a device of the user's own that nobody wears (decision 404): live scenarios inject faults on purpose,
+    and a simulated device would be a second one there.
     """
     if not live:
         if bus is not None:
@@ -76,10 +81,13 @@ def live_bus(bus: str | None, *, live: bool, profile: bool) -> BusSpec | None:
         raise InputError("--profile: shows the parts of virtual time; leave it or --live out")
     spec = parse_spec(bus or "auto")
     if device_spec(str(spec)).physical:
-        raise InputError(
-            f"--bus {spec}: may reach a wire, and live scenarios inject faults; use vcan0 or hilsim:NAME "
-            "(`hilbridge run --arm` drives a real device)"
-        )
+        if not external:
+            raise InputError(
+                f"--bus {spec}: may reach a wire, and live scenarios inject faults; use vcan0 or hilsim:NAME, or add --device "
+                "external for a device on a bench (`hilbridge run --arm` drives a real device)"
+            )
+        made_of = bundle().provenance
+        admit_bus(str(spec), physical=True, on_a_bench=on_a_bench, origin=None if made_of is None else made_of.origin)
     if sys.platform == "win32":
         raise InputError("--live: needs SIGSTOP and forked processes, which Windows has not; leave --live out")
     return spec

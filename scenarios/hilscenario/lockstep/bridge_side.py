@@ -113,6 +113,13 @@ class BridgeSide:
         if chip is not self._chip or chip is _BUS_OFF:
             self._notice(chip)
 
+    @property
+    def at_rest(self) -> bool:
+        """`poll` has nothing to do until a frame comes or a planned call is made."""
+        chip = self._bus.bridge.state
+        waits = self._bus.bridge.inbox or self._inbox or self.node.bridge.is_stopping
+        return not waits and chip is self._chip and chip is not _BUS_OFF
+
     def _receive(self, now_ns: int) -> None:
         self.frames_received += len(self._inbox)
         for frame in self._inbox:

@@ -32,10 +32,12 @@ class BusSide:
         self._effects: dict[str, int] = {}
         self._forcing_off: Active | None = None
 
-    def catch_up(self, now_ns: int) -> None:
-        """Let everything happen on the wire that is due by now."""
-        if self.network.medium.due_ns <= now_ns:
+    def catch_up(self, now_ns: int) -> int:
+        """Let everything happen on the wire that is due by now; when the next is."""
+        medium = self.network.medium
+        if medium.due_ns <= now_ns:
             self.network.pump()
+        return medium.due_ns
 
     def put(self, station: Station, when_ns: int, can_id: int, data: bytes, dropped: Callable[[], None]) -> None:
         """Hand a frame to a controller chip, now or later. A full queue or a bus-off chip drops it: `dropped` is called."""

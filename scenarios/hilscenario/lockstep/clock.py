@@ -14,6 +14,8 @@ class WorldClock(Agenda):
     def __init__(self) -> None:
         super().__init__()
         self.time_ns = 0
+        self.tick_ns = 1
+        self._end_ns = 0
 
     def now_ns(self) -> int:
         """The present."""
@@ -27,12 +29,24 @@ class WorldClock(Agenda):
         """Plan a call for `when_ns`, or for now if that is past."""
         super().at(max(when_ns, self.time_ns), do)
 
+    def ticks_alone(self, until_ns: int) -> int:
+        """How many ticks, the present one among them, come before the next planned call, the end, and `until_ns`."""
+        free_ns = min(until_ns, self._end_ns + 1, self._heap[0][0] if self._heap else until_ns)
+        return max(1, -((self.time_ns - free_ns) // self.tick_ns))
+
+    def pass_ticks(self, ticks: int) -> int:
+        """So many ticks were made at once: it is now the time of the last one."""
+        self.time_ns += (ticks - 1) * self.tick_ns
+        return self.time_ns
+
     def run(self, end_ns: int, tick_ns: int, on_tick: Callable[[int], None]) -> None:
         """Do what is planned, in order, until `end_ns`; call `on_tick` every `tick_ns` besides.
 
         The tick takes its turn among the others without being put on the heap, which it would be nearly all the work of.
+        It may be several at once (`ticks_alone`, `pass_ticks`).
         """
         heap = self._heap
+        self._end_ns, self.tick_ns = end_ns, tick_ns
         tick = (tick_ns, self.turn())
         while True:
             if heap and heap[0] < tick:
@@ -45,5 +59,5 @@ class WorldClock(Agenda):
             else:
                 self.time_ns = tick[0]
                 on_tick(tick[0])
-                tick = (tick[0] + tick_ns, self.turn())
+                tick = (self.time_ns + tick_ns, self.turn())
         self.time_ns = end_ns

@@ -5,7 +5,7 @@ from __future__ import annotations
 import random
 from collections.abc import Iterable, Sequence
 
-from firmware_sim.device import Device
+from firmware_sim.device import LOG_CYCLE_MS, Device
 from firmware_sim.keys import WRONG
 from firmware_sim.memory import Received
 from firmware_sim.plant.actuator import LAG_S
@@ -14,6 +14,7 @@ from hilbridge.bus.model.error_frames import ErrorState
 from hilbridge.bus.simulated.protocol import Arrival
 from hilscenario.format.schema import Scenario
 from hilscenario.lockstep.bus_side import BusSide
+from hilscenario.lockstep.clock import WorldClock
 from hilscenario.lockstep.controller import powered_on
 from hilscenario.lockstep.probes import DeviceProbe
 from hilscenario.lockstep.run_log import RunLog
@@ -32,22 +33,37 @@ class DeviceSide:
         self._board, self._bus, self._chance = board, bus, chance
         self.device = Device(powered_on(DEMO_KEY, chance.getrandbits(32)), scenario.device.arm)
         self.tick_device = self.device.tick  # by name, so that a profile can wrap it
+        self.coast_device = self.device.coast
         self.tap = Tap("device", board, scenario.seed)
         self.probe = DeviceProbe(log.tracks, log.record if log.is_recorded else None)
         self.dropped = 0  # frames that the controller chip did not take
 
     def tick(self, now_ns: int) -> None:
-        """One millisecond of the device's own time."""
+        """One millisecond of the device's own time, with what bus and faults have for it."""
         device, station = self.device, self._bus.device
         if not self._board.quiet:
             self._move_arm(now_ns)
-        self._bus.catch_up(now_ns)
         frames = _received(station.drain()) if station.inbox else ()
         device.bus_off = station.state is _BUS_OFF
         outgoing = self.tick_device(frames, self._chance.getrandbits(32), 0, self.dropped)
         if outgoing:
             self._send(outgoing, now_ns)
         self.probe.look(device, now_ns, frames)
+
+    def coast(self, now_ns: int, most: int, clock: WorldClock) -> None:
+        """At most so many milliseconds in which the bus has nothing for it and no fault is under way."""
+        device = self.device
+        before = device.ticks
+        device.bus_off = self._bus.device.state is _BUS_OFF
+        outgoing, path = self.coast_device(min(most, LOG_CYCLE_MS - before % LOG_CYCLE_MS), self.dropped)
+        done = device.ticks - before
+        self._chance.getrandbits(32 * done)  # of each tick, though only one with frames looks at it
+        if done > 1:
+            self.probe.pass_by(device, path, now_ns, clock.tick_ns)
+            now_ns = clock.pass_ticks(done)
+        if outgoing:
+            self._send(outgoing, now_ns)
+        self.probe.look(device, now_ns, ())
 
     def begin(self, active: Active) -> None:
         """A fault of the device or of the wearer's arm begins."""

@@ -56,7 +56,15 @@ class Lockstep:
         self.clock.run(self.scenario.duration, tick_ns, self._tick)
 
     def _tick(self, now_ns: int) -> None:
-        self.device_side.tick(now_ns)
+        """One tick of the device; or, where nobody else has anything to do meanwhile, all until somebody has."""
+        due_ns = self.bus.catch_up(now_ns)
+        if self.bus.device.inbox or not self.board.quiet:
+            self.device_side.tick(now_ns)
+        elif self.player.waiting or not self.bridge.at_rest:
+            self.device_side.coast(now_ns, 1, self.clock)
+        else:
+            self.device_side.coast(now_ns, self.clock.ticks_alone(due_ns), self.clock)
+            return
         self.bridge.poll(now_ns)
         if self.player.waiting and self._looked_at != self.log.tracks.version:
             self._looked_at = self.log.tracks.version

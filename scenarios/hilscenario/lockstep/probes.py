@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from firmware_sim.device import LOG_CYCLE_MS, Device
+from firmware_sim.device import LOG_CYCLE_MS, ROW, Device
 from firmware_sim.frames import STOP
 from firmware_sim.memory import COUNT_TRIPS, Received
 from firmware_sim.states import Reason, State, wire_name
@@ -47,17 +47,44 @@ class DeviceProbe:
         # In most ticks nothing of this has changed, and one comparison says so.
         seen = (state.state, state.reason, state.armed, trips, assist_unm, gravity_unm)
         changed = seen != self._seen and self._put_changes(seen, now_ns / MS)
-        if assist_unm:
-            self._put_ages(state.last_tick_ms, now_ns / MS)
-            self.assist_ms += 1
-        if assist_unm or gravity_unm:  # whatever an ACT adds is energy of it
-            self.energy_j += abs((assist_unm + gravity_unm) * 1e-6 * device.arm.velocity) * 1e-3
+        if assist_unm or gravity_unm:
+            self._spend(assist_unm, gravity_unm, device.arm.velocity, state.last_tick_ms, now_ns / MS)
         if ticks % _EVERY_MS == 0:
-            put, time_ms = self._tracks.put, now_ns / MS
-            put(time_ms, "device.angle_deg", round(57.29578 * device.arm.angle, 3))
-            put(time_ms, "device.velocity_deg_s", round(57.29578 * device.arm.velocity, 3))
+            self._put_arm(now_ns, device.arm.angle, device.arm.velocity)
         if self._record is not None and (changed or ticks % LOG_CYCLE_MS == 0):
             self._record(device_row(device.record(), now_ns))
+
+    def pass_by(self, device: Device, path: Sequence[float], now_ns: int, tick_ns: int) -> None:
+        """After ticks that `Device.coast` made at once: all but the last, in which state and frames stay as they were.
+
+        `now_ns` is the time of the first. Torque is there in all of them or in none.
+        """
+        made = len(path) // ROW
+        first = device.ticks - made
+        if path[2] or path[3]:
+            for passed in range(made - 1):
+                tick_ms = device.state.last_tick_ms - made + 1 + passed
+                self._pushed(path[ROW * passed : ROW * passed + ROW], tick_ms, (now_ns + passed * tick_ns) / MS)
+        for ahead in range(-first % _EVERY_MS or _EVERY_MS, made, _EVERY_MS):
+            self._put_arm(now_ns + (ahead - 1) * tick_ns, *path[ROW * (ahead - 1) : ROW * (ahead - 1) + 2])
+
+    def _pushed(self, row: Sequence[float], tick_ms: int, time_ms: float) -> None:
+        _, velocity, assist_unm, gravity_unm = row
+        self._tracks.put(time_ms, "device.assist_nm", assist_unm * 1e-6)
+        self._tracks.put(time_ms, "device.gravity_nm", gravity_unm * 1e-6)
+        self._spend(assist_unm, gravity_unm, velocity, tick_ms, time_ms)
+
+    def _spend(self, assist_unm: float, gravity_unm: float, velocity: float, tick_ms: int, time_ms: float) -> None:
+        """Whatever an ACT adds is energy of it."""
+        if assist_unm:
+            self._put_ages(tick_ms, time_ms)
+            self.assist_ms += 1
+        self.energy_j += abs((assist_unm + gravity_unm) * 1e-6 * velocity) * 1e-3
+
+    def _put_arm(self, now_ns: int, angle: float, velocity: float) -> None:
+        put, time_ms = self._tracks.put, now_ns / MS
+        put(time_ms, "device.angle_deg", round(57.29578 * angle, 3))
+        put(time_ms, "device.velocity_deg_s", round(57.29578 * velocity, 3))
 
     def _put_changes(self, seen: tuple[State, Reason, bool, int, int, int], time_ms: float) -> bool:
         """Whether more has changed than the amount of torque."""

@@ -47,7 +47,9 @@ def profiled(world: Lockstep) -> Profile:
         setattr(owner, name, profile.timed(part, getattr(owner, name)))
 
     put(world.device_side, "tick_device", "controller, actuator and arm")
+    put(world.device_side, "coast_device", "controller, actuator and arm")
     put(world.device_side.probe, "look", "signals of the device")
+    put(world.device_side.probe, "pass_by", "signals of the device")
     put(world.bus.network, "pump", "bit-level bus")
     put(world.body, "frame", "wearer: rendered pictures")
     put(world.body, "gaze", "wearer: gaze")

@@ -142,6 +142,7 @@ def test_a_disk_that_is_full_costs_the_picture_alone(tmp_path: Path) -> None:
         path.rmdir()
 
 
-def test_each_bus_has_a_picture_of_its_own() -> None:
+def test_each_bus_has_a_picture_of_its_own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     assert shared_path("hilsim:a") != shared_path("hilsim:b")
     assert shared_path("hilsim:a").parent == shared_path("hilsim:b").parent

@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import pytest
 
+from firmware_sim.attachment import Arrival, Spec
 from firmware_sim.frames import STOP
 from firmware_sim.memory import Received
-from hilbridge.bus.port.spec import BusSpec
+from hilbridge.bus.port.spec import BusSpec, parse_spec
 from hilbridge.errors import InputError
 from hilbridge.limits import MS
 from hilbridge.records import Frame
 from hilbridge.wire.codec import Codec
 from hilscenario.format.schema import Scenario
-from hilscenario.live.external import External, external_device, refuse_silence, reset
+from hilscenario.live.external import External, HeardRows, external_device, refuse_silence, reset
 from hilscenario.live.possible import impossible_live
 from hilscenario.live.witness import Witness
 from tests.safety.rig import ACT_POUR, HOLD, Rig
@@ -134,3 +137,41 @@ def test_an_external_device_is_reset_by_its_users_command_alone() -> None:
     assert found is not None
     assert "reset_command" in found.why
     assert impossible_live(_scenario("device.restart", reset_command="true"), BUS, external=True) is None
+
+
+CAN0 = parse_spec("can0")
+READY = bytes((0, 0, 0, 3, 0, 0, 0, 0))
+
+
+def test_h1_an_unknown_node_on_a_physical_bus_ends_it() -> None:
+    refuse_silence(CAN0, {0x0A0: READY, 0x0A1: b"", 0x121: b""})
+    for stranger in (0x7E8, 0x18FF0060, 0x001):
+        with pytest.raises(InputError, match=f"an unknown node sends {stranger:#05x}"):
+            refuse_silence(CAN0, {0x0A0: READY, stranger: b""})
+        refuse_silence(BUS, {0x0A0: READY, stranger: b""})
+
+
+@dataclass
+class FakeBus:
+    """A bus that brings one frame of each identifier; a wire is hardware nobody has here."""
+
+    spec: Spec
+    can_ids: tuple[int, ...]
+
+    def read(self, now_ns: int) -> list[Arrival]:
+        return [Arrival(now_ns, Received(can_id, b"")) for can_id in self.can_ids]
+
+    def close(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(("can_id", "known"), [(0x060, True), (0x001, True), (0x301, True), (0x123, False)])
+def test_h1_an_unknown_node_that_comes_to_a_physical_bus_ends_the_run(can_id: int, known: bool) -> None:
+    rows = HeardRows(FakeBus(Spec("socketcan", "can0", True), (0x0A0, can_id)), Witness(Codec()))  # type: ignore[arg-type]
+    if known:
+        assert rows.new() == []
+    else:
+        with pytest.raises(InputError, match="an unknown node sends 0x123; the run has ended"):
+            rows.new()
+    virtual = FakeBus(Spec("hilsim", "x", False), (can_id,))
+    assert HeardRows(virtual, Witness(Codec())).new() == []  # type: ignore[arg-type]

@@ -93,8 +93,9 @@ def interrupted(command: list[str], instant_s: float | Callable[[], object], fol
     assert process.returncode in (0, 130, -signal.SIGINT), (
         f"{process.returncode} at {instant_s:.3f} s: {errors[-2000:]}"
     )
-    if process.returncode != -signal.SIGINT and "hilbridge" in errors:
-        assert "defect" not in errors, errors
+    assert "defect" not in errors
+    # A worker that has only just begun has Python's own word on it, which nobody can keep from the terminal.
+    assert "Traceback" not in errors or command[0] == "hilscenario"
     return errors
 
 
@@ -148,15 +149,14 @@ def test_run(instant_s: float, video: Path, tmp_path: Path) -> None:
 def test_monitor(instant_s: float, tmp_path: Path) -> None:
     bus = f"hilsim:mon-{os.getpid()}-{round(instant_s * 1000)}"
     with device(bus, tmp_path / "device.jsonl"):
-        errors = interrupted(["hilbridge", "monitor", "--bus", bus], instant_s, tmp_path)
-        assert "Traceback" not in errors
+        interrupted(["hilbridge", "monitor", "--bus", bus], instant_s, tmp_path)
         until(tmp_path / "device.jsonl", "Follow")
 
 
 @pytest.mark.parametrize("instant_s", instants("campaign"))
 def test_campaign(instant_s: float, tmp_path: Path) -> None:
     (tmp_path / "base.yaml").write_text(_SCENARIO)
-    command = ["hilscenario.cli", "campaign", "base.yaml", "--samples", "20", "--out", "out", "--jobs", "2"]
+    command = ["hilscenario", "campaign", "base.yaml", "--samples", "20", "--out", "out", "--jobs", "2"]
     interrupted(command, instant_s, tmp_path)
     kept = tmp_path / "out" / "campaign.jsonl"
     if kept.exists():

@@ -42,6 +42,8 @@ class Job:
     scenario: Scenario
     spec: BusSpec
     log: Path
+    key_file: Path | None = None  # where a device of the user's own has another than the demo key
+    on_a_bench: bool = False
 
 
 # What the director tells a bridge process: a word and numbers.
@@ -74,6 +76,7 @@ class BridgeProcess:
 
     def __init__(self, job: Job, orders: Connection) -> None:
         self._scenario, self._spec = job.scenario, job.spec
+        self._key_file, self._on_a_bench = job.key_file, job.on_a_bench
         self._orders = orders
         self._log = RowLog(job.log)
         self._board = FaultBoard(job.scenario.steps)
@@ -84,7 +87,8 @@ class BridgeProcess:
 
     async def run(self) -> None:
         """Connect, say so, wait for `go`, tick until `stop`. What cannot be opened is told instead of `ready`."""
-        bus = BusConfig(spec=str(self._spec))
+        key_file = None if self._key_file is None else str(self._key_file)
+        bus = BusConfig(spec=str(self._spec), key_file=key_file, arm=self._on_a_bench)
         parts = parts_of(self._scenario)
         options = {"node": "bridge"} if self._spec.interface == "hilsim" else {}
         port = TappedPort(self._spec, self._out, self._into, self._on_port_change, options)
@@ -98,7 +102,8 @@ class BridgeProcess:
             epoch_ns = await asyncio.to_thread(self._await_go)
             if epoch_ns is None:
                 return
-            node = build_node(parts, port, bus, self._on_event, make_predictor(self._scenario, epoch_ns))
+            predict = make_predictor(self._scenario, epoch_ns)
+            node = build_node(parts, port, bus, self._on_event, predict, on_a_bench=self._on_a_bench)
             senses = edge_senses(self._scenario, self._board, epoch_ns)
             judge = judge_by(person(self._scenario).truth, epoch_ns)
             self._live = LiveBridge(

@@ -45,6 +45,7 @@ _LASTING = (
     "adrift",
     "pairs",
     "flood",
+    "guesses",
     "apart",
     "old",
     "scrambled",
@@ -205,8 +206,21 @@ class Twin(Hand):
             command = self.act_cmd(frames.GATE_ACT, verb, **self._odd())
             authorised = [] if rng.random() < self.wild else [self._authorised(command)]
             between = {"pairs": 1, "flood": rng.choice((3, 4, 6))}.get(self.lasting, 0) if rng.random() < 0.2 else 0
-            return [*sent, command, *(self.act_cmd(frames.GATE_ACT, 4) for _ in range(between)), *authorised]
+            return [
+                *sent,
+                command,
+                *(self.act_cmd(frames.GATE_ACT, 4) for _ in range(between)),
+                *self._guesses(),
+                *authorised,
+            ]
         return [*sent, self.hold(**self._odd())]
+
+    def _guesses(self) -> list[Received]:
+        """More than one MAC for a tick: authorisations, and a handshake now and then."""
+        if not self._lasts("guesses") or self.rng.random() > 0.1:
+            return []
+        mac = [self.frame(frames.ACT_AUTH, (0, self.rng.getrandbits(32))) for _ in range(self.rng.randrange(3))]
+        return [self.request(), *self._response(frames.PURPOSE_ARM), *mac] if self.rng.random() < 0.3 else mac
 
     def _odd(self) -> dict[str, int]:
         """Fields of a command that are not what they should be, rarely."""
