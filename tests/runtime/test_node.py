@@ -287,7 +287,7 @@ FAULTS = {
 }
 
 
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 @given(
     st.lists(
         st.tuples(st.sets(st.sampled_from(sorted(FAULTS)), max_size=3), st.integers(1, 12).map(lambda n: 40 * n)),

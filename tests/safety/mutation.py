@@ -260,7 +260,7 @@ def campaign(cases: list[Case], say: bool) -> Verdicts:
     from hypothesis import Phase, settings
 
     # A failure is all that is asked for: to look for its smallest example takes longer than the tests themselves.
-    settings.register_profile("mutation", phases=(Phase.explicit, Phase.generate), database=None, print_blob=False)
+    settings.register_profile("mutation", phases=(Phase.explicit, Phase.generate), database=None, deadline=None)
     settings.load_profile("mutation")
     plugin = Campaign(cases, say)
     os.chdir(ROOT)

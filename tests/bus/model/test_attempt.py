@@ -111,7 +111,7 @@ def wire_frames(draw: st.DrawFn) -> WireFrame:
 
 
 @given(wire_frames(), st.data())
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 def test_one_flipped_bit_never_leaves_active_nodes_of_two_minds(frame: WireFrame, data: st.DataObject) -> None:
     """Either the sender and all are content, or the sender repeats; only the last bit may give a frame twice."""
     encoded = encode(frame)
@@ -134,7 +134,7 @@ def test_one_flipped_bit_never_leaves_active_nodes_of_two_minds(frame: WireFrame
     st.dictionaries(st.integers(0, 200), st.sampled_from([None, SENDER, ONE, TWO]), max_size=6),
     st.tuples(st.booleans(), st.booleans(), st.booleans()),
 )
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 def test_whatever_is_flipped_every_attempt_ends(
     frame: WireFrame, flips: dict[int, int | None], passive: tuple[bool, bool, bool]
 ) -> None:

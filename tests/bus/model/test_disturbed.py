@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hilbridge.bus.model.attempt import Party, run_attempt
@@ -21,7 +21,6 @@ def node(number: int, passive: bool, acknowledges: bool, listen_only: bool) -> N
     return made
 
 
-@settings(deadline=None)
 @given(
     st.booleans(),
     st.lists(KINDS, min_size=1, max_size=8),

@@ -67,7 +67,7 @@ def test_the_lowest_identifier_of_those_waiting_goes_first() -> None:
         unique_by=lambda entry: entry[1],
     )
 )
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_order_is_that_of_a_naive_reference(entries: list[tuple[int, int, int, int]]) -> None:
     """Whatever is sent when: the same order and times as a bus written down in ten lines."""
     medium = Medium()
@@ -92,7 +92,7 @@ def test_order_is_that_of_a_naive_reference(entries: list[tuple[int, int, int, i
 
 
 @given(st.integers(0, 1000))
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 def test_how_often_one_looks_changes_nothing(seed: int) -> None:
     """Advancing in one leap, from event to event, or at random times tells the same events."""
 
@@ -126,7 +126,7 @@ def test_how_often_one_looks_changes_nothing(seed: int) -> None:
 
 
 @given(st.integers(0, 1000), st.sampled_from(["sound", "disturbed", "cut", "stalled"]))
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 def test_before_the_due_time_nothing_happens(seed: int, kind: str) -> None:
     """Who looks only once something is due misses nothing and learns it at the same look as who always looks."""
     faults = {

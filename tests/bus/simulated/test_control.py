@@ -8,7 +8,7 @@ from typing import Any
 
 import can
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from hilbridge.bus.model.error_frames import ErrorState
@@ -113,7 +113,6 @@ _nearly = st.fixed_dictionaries(
 )
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=60) | _nearly.map(lambda given: json.dumps(given).encode()))
 def test_no_request_raises_nor_leaves_a_bus_that_does(raw: bytes) -> None:
     medium = Medium()
