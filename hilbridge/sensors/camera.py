@@ -17,7 +17,7 @@ from hilbridge.records import CameraFrame, StampSource
 from hilbridge.sensors.clock import DeviceClock
 from hilbridge.sensors.pictures.capture import Capture, Kind, OpenCvCapture, Reader
 from hilbridge.sensors.pictures.stamps import SenderStamps, taken_at
-from hilbridge.sensors.source import Source, SourceState
+from hilbridge.sensors.source import Source, SourceState, begins_again_ns
 
 _RETRIES_S = (0.5, 0.5, 1.0, 2.0, 4.0)  # pauses before a device or stream is tried again; the last one stays
 _READS_BEFORE_GONE = 5
@@ -143,13 +143,15 @@ class CameraSource(Source[CameraFrame]):
     def _play(self) -> None:
         """A file by its own stamps. A picture counts as captured when it is due; its conversion is part of the latency."""
         stamps_ns = None if self._wanted_fps is not None else _neon_stamps_ns(Path(self._spec))
+        started_ns = self._clock_ns()
         while True:
-            started_ns, played, first_ms, last_ns = self._clock_ns(), 0, 0.0, -1
+            played, first_ms, last_ns, spacing_ns = 0, 0.0, -1, round(1e9 / self.fps)
             while self._first is not None or self._capture.grab():
                 stamp_ms = self._capture.stamp_ms
                 first_ms = stamp_ms if not played else first_ms
                 given_ns = stamps_ns[played] if stamps_ns and played < len(stamps_ns) else None
-                last_ns = self._offset_ns(played, stamp_ms - first_ms, given_ns, last_ns)
+                before_ns, last_ns = last_ns, self._offset_ns(played, stamp_ms - first_ms, given_ns, last_ns)
+                spacing_ns = last_ns - before_ns if played else spacing_ns
                 played += 1
                 if not self._sleep_until(started_ns + last_ns):
                     return
@@ -158,6 +160,7 @@ class CameraSource(Source[CameraFrame]):
                 return
             self._capture.release()
             self._capture = self._open()
+            started_ns = begins_again_ns(started_ns, last_ns, spacing_ns, self._clock_ns())
 
     def _offset_ns(self, played: int, stamp_ms: float, given_ns: int | None, last_ns: int) -> int:
         """When the picture is due, from the first: as given, else by the file's stamp, else (no stamps) by the rate."""

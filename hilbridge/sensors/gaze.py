@@ -18,7 +18,7 @@ from hilbridge.sensors import pupil_labs
 from hilbridge.sensors.begaze import read_begaze
 from hilbridge.sensors.gaze_csv import read_csv
 from hilbridge.sensors.recorded.iassistadl import is_iassistadl, read_iassistadl
-from hilbridge.sensors.source import Source
+from hilbridge.sensors.source import Source, begins_again_ns
 
 _CORE_FILE = "gaze_positions.csv"  # of Pupil Player's export
 _SLOWEST_NS = 1_500 * MS  # between samples of any eye tracker there is; more are stamps in another unit
@@ -148,8 +148,9 @@ class GazePlayer(Source[GazeSample]):
 
     def _read_all(self) -> None:
         recording = self.recording
+        started_ns = self._clock_ns()
         while True:
-            started_ns = self._clock_ns()
+            due_ns = before_ns = started_ns
             for offset_ns, x, y, valid in zip(
                 recording.time_ns.tolist(),
                 recording.x.tolist(),
@@ -159,10 +160,11 @@ class GazePlayer(Source[GazeSample]):
             ):
                 if offset_ns < 0:
                     continue
-                due_ns = started_ns + offset_ns
+                before_ns, due_ns = due_ns, started_ns + offset_ns
                 if not self._sleep_until(due_ns):
                     return
                 assert math.isfinite(x)
                 self._deliver(GazeSample(due_ns, x, y, valid, StampSource.HARDWARE), due_ns)
             if not self._loop:
                 return
+            started_ns = begins_again_ns(started_ns, due_ns - started_ns, due_ns - before_ns, self._clock_ns())

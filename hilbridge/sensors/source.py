@@ -13,6 +13,7 @@ from hilbridge.priority import Level, take_level
 from hilbridge.sensors.cell import LatestCell
 
 T = TypeVar("T")
+_LEAST_SPACING_NS = 1_000_000  # where there is but one sample
 
 
 class SourceState(StrEnum):
@@ -22,6 +23,14 @@ class SourceState(StrEnum):
     RUNNING = "running"
     GONE = "gone"  # was there, is not now; the source tries to get it back
     ENDED = "ended"  # a recording that was played to its end
+
+
+def begins_again_ns(started_ns: int, last_ns: int, spacing_ns: int, now_ns: int) -> int:
+    """When a recording that is played in a loop begins again: its last sample has lasted as long as the one before it.
+
+    So recordings of one length stay in step, and a camera's rate has no seam. `last_ns`: of the last sample, from the start.
+    """
+    return max(now_ns, started_ns + last_ns + max(spacing_ns, _LEAST_SPACING_NS))
 
 
 class Source(ABC, Generic[T]):

@@ -12,7 +12,7 @@ from pathlib import Path
 from hilbridge.errors import InputError
 from hilbridge.records import BodySample, StampSource
 from hilbridge.sensors.recorded.iassistadl import INERTIAL, SKELETON, IAssistRecording, Stream, read_iassistadl
-from hilbridge.sensors.source import Source
+from hilbridge.sensors.source import Source, begins_again_ns
 
 FILES = {"inertial": INERTIAL, "skeleton": SKELETON}
 
@@ -70,12 +70,14 @@ class BodyPlayer(Source[BodySample]):
         self._loop = loop
 
     def _read_all(self) -> None:
+        started_ns = self._clock_ns()
         while True:
-            started_ns = self._clock_ns()
+            due_ns = before_ns = started_ns
             for sample in self.recording.samples():
-                due_ns = started_ns + sample.captured_ns
+                before_ns, due_ns = due_ns, started_ns + sample.captured_ns
                 if not self._sleep_until(due_ns):
                     return
                 self._deliver(replace(sample, captured_ns=due_ns), due_ns)
             if not self._loop:
                 return
+            started_ns = begins_again_ns(started_ns, due_ns - started_ns, due_ns - before_ns, self._clock_ns())
