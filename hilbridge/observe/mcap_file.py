@@ -16,7 +16,6 @@ from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import (
     Channel,
-    Chunk,
     ChunkIndex,
     DataEnd,
     Footer,
@@ -34,6 +33,9 @@ _MESSAGE = struct.Struct("<BQHIQQ")
 _MESSAGE_HEAD_BYTES = 22  # channel, sequence and both times, which a message's length counts
 _INDEX = struct.Struct("<BQHI")
 _INDEX_HEAD_BYTES = 6
+_RECORD_HEAD_BYTES = 9  # opcode and length, which a record's length does not count
+_CHUNK = struct.Struct("<BQQQQI")
+_CHUNK_BYTES = 1 << 20  # of the memory that chunks are made in; it grows where one is larger
 _NO_CRC = 0
 
 
@@ -44,7 +46,8 @@ class McapFile:
         self._file = file
         self._schemas: list[Schema] = []
         self._channels: list[Channel] = []
-        self._chunk = bytearray()
+        # One piece of memory for all chunks: to take new memory for each costs more than to fill it.
+        self._memory, self._filled = bytearray(_CHUNK_BYTES), 0
         self._times_and_places: defaultdict[int, list[int]] = defaultdict(list)
         self._times_ns: list[int] = []
         self._chunks: list[ChunkIndex] = []
@@ -55,7 +58,7 @@ class McapFile:
     @property
     def chunk_bytes(self) -> int:
         """Size of the chunk under way."""
-        return len(self._chunk)
+        return self._filled
 
     def add_channel(self, topic: str, schema_name: str, json_schema: bytes) -> int:
         """A topic of JSON messages with its schema; gives its number."""
@@ -63,54 +66,62 @@ class McapFile:
         self._schemas.append(Schema(id=number, name=schema_name, encoding="jsonschema", data=json_schema))
         channel = Channel(id=number, topic=topic, message_encoding="json", metadata={}, schema_id=number)
         self._channels.append(channel)
-        self._chunk += _bytes(self._schemas[-1]) + _bytes(channel)
+        self._put(_bytes(self._schemas[-1]) + _bytes(channel))
         return number
+
+    def _put(self, data: bytes) -> None:
+        ends = self._filled + len(data)
+        if ends > len(self._memory):
+            self._memory += bytes(ends)
+        self._memory[self._filled : ends] = data
+        self._filled = ends
 
     def add_message(self, channel: int, time_ns: int, published_ns: int, sequence: int, data: bytes) -> None:
         """One message into the chunk under way. Raises struct.error for a time before 0."""
         head = _MESSAGE.pack(
             Opcode.MESSAGE, _MESSAGE_HEAD_BYTES + len(data), channel, sequence & 0xFFFFFFFF, time_ns, published_ns
         )
-        self._times_and_places[channel] += (time_ns, len(self._chunk))
+        self._times_and_places[channel] += (time_ns, self._filled)
         self._times_ns.append(time_ns)
         self._counts[channel] += 1
-        self._chunk += head
-        self._chunk += data
+        self._put(head)
+        self._put(data)
 
     def end_chunk(self) -> None:
         """Write the chunk under way, if it holds a message. Raises OSError; what it held is lost then."""
         if not self._times_ns:
             return
-        content, times_ns = bytes(self._chunk), self._times_ns
+        content, times_ns = memoryview(self._memory)[: self._filled], self._times_ns
         indices = dict(self._times_and_places)
-        self._chunk, self._times_ns = bytearray(), []
+        self._filled, self._times_ns = 0, []
         self._times_and_places.clear()
-        chunk = Chunk(
-            compression=_COMPRESSION,
-            data=self._compressor.compress(content),
-            message_start_time=min(times_ns),
-            message_end_time=max(times_ns),
-            uncompressed_crc=zlib.crc32(content),
-            uncompressed_size=len(content),
+        first_ns, last_ns, name = min(times_ns), max(times_ns), _COMPRESSION.encode()
+        data = self._compressor.compress(content)
+        size = _CHUNK.size + 4 + len(name) + 8 + len(data)
+        head = _CHUNK.pack(
+            Opcode.CHUNK, size - _RECORD_HEAD_BYTES, first_ns, last_ns, len(content), zlib.crc32(content)
         )
-        start, written = self._file.tell(), _bytes(chunk)
+        head += struct.pack("<I", len(name)) + name + struct.pack("<Q", len(data))
+        start = self._file.tell()
         offsets, index = {}, b""
         for channel, numbers in indices.items():
-            offsets[channel] = start + len(written) + len(index)
+            offsets[channel] = start + size + len(index)
             entries = struct.pack(f"<{len(numbers)}Q", *numbers)
-            head = _INDEX.pack(Opcode.MESSAGE_INDEX, _INDEX_HEAD_BYTES + len(entries), channel, len(entries))
-            index += head + entries
-        self._file.write(written + index)
+            index += (
+                _INDEX.pack(Opcode.MESSAGE_INDEX, _INDEX_HEAD_BYTES + len(entries), channel, len(entries)) + entries
+            )
+        for part in (head, data, index):  # together they would be one more copy
+            self._file.write(part)
         self._chunks.append(
             ChunkIndex(
-                chunk_length=len(written),
+                chunk_length=size,
                 chunk_start_offset=start,
                 compression=_COMPRESSION,
-                compressed_size=len(chunk.data),
-                message_end_time=chunk.message_end_time,
+                compressed_size=len(data),
+                message_end_time=last_ns,
                 message_index_length=len(index),
                 message_index_offsets=offsets,
-                message_start_time=chunk.message_start_time,
+                message_start_time=first_ns,
                 uncompressed_size=len(content),
             )
         )

@@ -14,6 +14,7 @@ from typing import Any
 
 import cv2
 import numpy as np
+from numpy.typing import NDArray
 
 from hilbridge.features.scene import shrink
 from hilbridge.priority import Level, take_level
@@ -37,14 +38,30 @@ class PictureFormat:
     blur_faces: bool = False
 
 
-def image_row(frame: CameraFrame, form: PictureFormat, now_ns: int) -> ImageRow:
+class Scratch:
+    """Memory that one picture after the other is made smaller in. New memory for each costs more than the work itself."""
+
+    def __init__(self) -> None:
+        self._small = self._bgr = np.empty((0, 0, 3), np.uint8)
+
+    def bgr(self, rgb: NDArray[np.uint8], size_px: tuple[int, int]) -> Any:
+        """The picture as JPEG's encoder takes it, (width, height) of size_px; good until the next call."""
+        shape = size_px[1], size_px[0], 3
+        if self._bgr.shape != shape:
+            self._small, self._bgr = np.empty(shape, np.uint8), np.empty(shape, np.uint8)
+        small: Any = rgb
+        if rgb.shape != shape:
+            small = cv2.resize(rgb, size_px, dst=self._small, interpolation=cv2.INTER_LINEAR)
+        return cv2.cvtColor(small, cv2.COLOR_RGB2BGR, dst=self._bgr)
+
+
+def image_row(frame: CameraFrame, form: PictureFormat, now_ns: int, scratch: Scratch | None = None) -> ImageRow:
     """The picture as it is stored. Raises ValueError where it cannot be."""
-    rgb: Any = frame.rgb
-    height_px, width_px = rgb.shape[:2]
+    height_px, width_px = frame.rgb.shape[:2]
+    size_px = width_px, height_px
     if width_px > form.width_px:
-        size = form.width_px, max(1, round(height_px * form.width_px / width_px))
-        rgb = cv2.resize(rgb, size, interpolation=cv2.INTER_LINEAR)
-    bgr = cv2.cvtColor(rgb, cv2.COLOR_RGB2BGR)
+        size_px = form.width_px, max(1, round(height_px * form.width_px / width_px))
+    bgr = (Scratch() if scratch is None else scratch).bgr(frame.rgb, size_px)
     done, data = cv2.imencode(".jpg", bgr, (cv2.IMWRITE_JPEG_QUALITY, form.quality))
     if not done:
         raise ValueError(f"a picture of {width_px} x {height_px} that JPEG cannot hold")
@@ -106,6 +123,7 @@ class Pictures:
         self.share: Callable[[ImageRow, Look], None] | None = None
         self.stored = self.dropped = self.failed = 0
         self.cpu_s = 0.0
+        self._scratch = Scratch()
         self._thread = threading.Thread(target=self._run, name="pictures", daemon=True)
         self._thread.start()
 
@@ -131,7 +149,7 @@ class Pictures:
                         self._record(scene_row(frame, now_ns))
                 else:
                     frame = CameraFrame(frame.captured_ns, self._blur.apply(frame.rgb), frame.sequence, frame.stamp)
-                row = image_row(frame, self._form, now_ns)
+                row = image_row(frame, self._form, now_ns, self._scratch)
                 self._record(row)
                 self.stored += 1
                 if look is not None and (share := self.share) is not None:
