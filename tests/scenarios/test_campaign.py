@@ -15,6 +15,7 @@ import joblib
 import pytest
 from joblib.externals.loky import get_reusable_executor
 
+from hilbridge import cluster as cluster_room
 from hilbridge.errors import InputError
 from hilscenario import campaign
 from hilscenario.campaign import Outcome, Sample, base_scenario, run_campaign, run_sample, samples_of, scenario_for
@@ -142,7 +143,7 @@ def test_a_cluster_that_cannot_be_had_is_one_line(
 ) -> None:
     if cluster.startswith("dask"):
         pytest.importorskip("distributed")
-    monkeypatch.setattr(campaign, "_CONNECT_S", 1)
+    monkeypatch.setattr(cluster_room, "_CONNECT_S", 1)
     with pytest.raises(InputError) as refused:
         run_campaign(base_scenario(), samples_of(base_scenario(), 1, 1, ("bus.cut",)), tmp_path, cluster=cluster)
     assert said in str(refused.value)
