@@ -14,6 +14,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Callable
 from itertools import pairwise
 from pathlib import Path
 
@@ -34,6 +35,7 @@ from hilbridge.runtime.provenance import first_rows
 from hilbridge.runtime.senses import open_senses
 
 FPS = 30.0
+_FIGURES = ("cpu_percent", "tick_work_p99_ms", "tick_jitter_p99_ms")
 
 
 def make_inputs(folder: Path) -> Path:
@@ -96,6 +98,35 @@ async def run(folder: Path, film: Path, seconds: float, *, recorded: bool) -> di
     return figures
 
 
+def compared(
+    repeats: int, figures: tuple[str, ...], measure: Callable[[str], dict[str, float]]
+) -> tuple[dict[str, list[dict[str, float]]], dict[str, float]]:
+    """Measure sides "on" and "off" in turns and print them: the runs of each, what "on" adds to each figure's least."""
+    sides: dict[str, list[dict[str, float]]] = {"on": [], "off": []}
+    for number in range(repeats):
+        for side in ("on", "off") if number % 2 else ("off", "on"):
+            sides[side].append(measure(side))
+            print(side, {key: round(value, 2) for key, value in sides[side][-1].items()}, flush=True)
+    adds = {}
+    for key in figures:
+        off, on = (min(run[key] for run in sides[side]) for side in ("off", "on"))
+        adds[key] = on - off
+        print(f"{key:20} off {off:.2f}  on {on:.2f}  adds {adds[key]:.2f}")
+    return sides, adds
+
+
+def _process(folder: str, seconds: float, side: str) -> dict[str, float]:
+    """One run in a process of its own."""
+    command = [sys.executable, "-m", "tests.tools.recording_cost", "--one", side, "--folder", folder]
+    # As the program itself does: a second BLAS thread only spins.
+    one_thread = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
+    done = subprocess.run(
+        [*command, "--seconds", str(seconds)], capture_output=True, text=True, check=True, env=one_thread
+    )
+    found: dict[str, float] = json.loads(done.stdout.splitlines()[-1])
+    return found
+
+
 def main() -> int:
     """Alternate runs, print both sides and what recording adds."""
     parser = argparse.ArgumentParser(prog="python -m tests.tools.recording_cost", description=__doc__)
@@ -110,23 +141,9 @@ def main() -> int:
         )
         print(json.dumps(found))
         return 0
-    sides: dict[str, list[dict[str, float]]] = {"on": [], "off": []}
     with tempfile.TemporaryDirectory() as name:
         make_inputs(Path(name))
-        for number in range(options.repeats):
-            for side in ("on", "off") if number % 2 else ("off", "on"):
-                command = [sys.executable, "-m", "tests.tools.recording_cost", "--one", side, "--folder", name]
-                command += ["--seconds", str(options.seconds)]
-                # As the program itself does: a second BLAS thread only spins.
-                one_thread = {**os.environ, "OPENBLAS_NUM_THREADS": "1"}
-                done = subprocess.run(command, capture_output=True, text=True, check=True, env=one_thread)
-                sides[side].append(json.loads(done.stdout.splitlines()[-1]))
-                print(side, {key: round(value, 2) for key, value in sides[side][-1].items()}, flush=True)
-    least = {side: {key: min(run[key] for run in runs) for key in runs[0]} for side, runs in sides.items()}
-    for key in ("cpu_percent", "tick_work_p99_ms", "tick_jitter_p99_ms"):
-        print(
-            f"{key:20} off {least['off'][key]:.2f}  on {least['on'][key]:.2f}  adds {least['on'][key] - least['off'][key]:.2f}"
-        )
+        sides, _ = compared(options.repeats, _FIGURES, lambda side: _process(name, options.seconds, side))
     lost = sum(run["rows_lost"] + run["pictures_lost"] for run in sides["on"])
     print(f"rows and pictures lost {lost:g}")
     return 0

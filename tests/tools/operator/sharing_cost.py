@@ -31,7 +31,7 @@ from hilbridge.run import RunOptions, run_bridge
 from hilbridge.runtime.assemble import read_parts
 from hilbridge.runtime.senses import open_senses
 from tests.system.operator.rig import monitor
-from tests.tools.recording_cost import FPS, make_inputs
+from tests.tools.recording_cost import FPS, compared, make_inputs
 
 LIMIT_MS = 1.0
 _FIGURES = ("cpu_percent", "tick_work_p99_ms", "tick_jitter_p99_ms")
@@ -123,18 +123,10 @@ def main() -> int:
     if options.one:
         print(json.dumps(one(options.folder, options.seconds, shared=options.one == "on", bus=options.bus)))
         return 0
-    sides: dict[str, list[dict[str, float]]] = {"on": [], "off": []}
     with tempfile.TemporaryDirectory() as name:
         make_inputs(Path(name))
-        for number in range(options.repeats):
-            for which in ("on", "off") if number % 2 else ("off", "on"):
-                sides[which].append(side(Path(name), which, options.seconds))
-                print(which, {key: round(value, 2) for key, value in sides[which][-1].items()}, flush=True)
-    least = {which: {key: min(run[key] for run in runs) for key in _FIGURES} for which, runs in sides.items()}
-    for key in _FIGURES:
-        off, on = least["off"][key], least["on"][key]
-        print(f"{key:20} off {off:.2f}  on {on:.2f}  adds {on - off:.2f}")
-    return int(least["on"]["tick_work_p99_ms"] - least["off"]["tick_work_p99_ms"] > LIMIT_MS)
+        _, adds = compared(options.repeats, _FIGURES, lambda which: side(Path(name), which, options.seconds))
+    return int(adds["tick_work_p99_ms"] > LIMIT_MS)
 
 
 if __name__ == "__main__":
