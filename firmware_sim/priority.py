@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import sys
 
@@ -12,8 +13,10 @@ def use_realtime_scheduling() -> bool:
     """Ask for round-robin real-time scheduling of this process; False where it is not allowed (no harm done).
 
     Linux grants it to root and to processes with an rtprio limit. The kernel keeps 5 % of the time for all others, so
-    a process that runs away can still be stopped.
+    a process that runs away can still be stopped. Whatever the answer, what this process consists of by now is never
+    collected again (a full collection looks at every object, for longer than a command may be missing).
     """
+    gc.freeze()
     if sys.platform != "linux" or (os.cpu_count() or 1) < 2:
         return False
     try:
