@@ -50,7 +50,8 @@ def built(folder: Path) -> Path:
 
 
 def loaded(path: Path) -> None:
-    """Put it in the place of the installed one."""
+    """Put it in the place of the installed one, which nothing has imported yet."""
+    assert "firmware_sim.c.binding" not in sys.modules
     spec = importlib.util.spec_from_file_location("firmware_sim.c._native", path)
     assert spec is not None
     assert spec.loader is not None

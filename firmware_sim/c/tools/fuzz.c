@@ -112,6 +112,9 @@ static void check(const ctl_state *state, const ctl_outputs *outputs) {
         outputs->count > CTL_OUTBOX_SLOTS || state->state >= CTL_STATE_COUNT) {
         __builtin_trap();
     }
+    if (outputs->frames != state->outbox || outputs->follow_unm != state->follow_unm) { /* what a board reads */
+        __builtin_trap();
+    }
 }
 
 enum { POWER_ON, FOLLOWING, READY, ASSISTING, STARTS };
@@ -122,6 +125,9 @@ static void prepare(ctl_state starts[STARTS]) {
     ctl_outputs outputs;
     ctl_frame frames[3];
     ctl_inputs inputs = {.frames = frames, .angle_mdeg = 30000, .second_angle_mdeg = 30000, .velocity_mdeg_s = 20000, .self_test_ok = true};
+    if (ctl_follow_torque(90000, 0) < ctl_follow_torque(89000, 0)) { /* the table's last place, and none beyond */
+        __builtin_trap();
+    }
     (void)ctl_init(&state, KEY, 1, &ctl_default_limits);
     starts[POWER_ON] = state;
     for (int64_t now_ms = 1; now_ms < 400; now_ms++) {
