@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from hilbridge.core.bridge import Command, sensing_age_ms
+from hilbridge.core.bridge import Command, sendable, sensing_age_ms
 from hilbridge.core.session import Phase
 from hilbridge.limits import MS
 from hilbridge.records import Action, GateDecision, HoldReason
@@ -264,3 +264,20 @@ def test_an_act_that_cannot_be_authorised_goes_out_alone(monkeypatch: pytest.Mon
     sent = hub.tick(ACT_TAKE)
     assert sent["ACT_CMD"]["Gate"] == "Act"
     assert "ACT_AUTH" not in sent
+
+
+@requirement("W9")
+def test_an_act_that_names_no_verb_that_may_be_assisted_is_a_hold() -> None:
+    before = Command(Action.HOLD, "None", HoldReason.NO_ESTIMATE, 0)
+    for index in (None, *sorted(DEFAULT.never_assisted)):
+        act = GateDecision(Action.ACT, index, 0.9, HoldReason.NONE)
+        assert sendable(act, HoldReason.NONE, 0, before) == (Action.HOLD, "None", HoldReason.VERB_NOT_ASSISTED)
+    take = GateDecision(Action.ACT, VERBS.index("Take"), 0.9, HoldReason.NONE)
+    assert sendable(take, HoldReason.NONE, 0, before) == (Action.ACT, "Take", HoldReason.NONE)
+
+
+def test_stops_are_to_come_until_the_last_of_them_is_sent() -> None:
+    hub = Hub().arm()
+    assert hub.bridge.is_stopping is False
+    hub.bridge.request_stop(hub.now_ns)
+    assert hub.bridge.is_stopping is True

@@ -128,6 +128,11 @@ static void prepare(ctl_state starts[STARTS]) {
     if (ctl_follow_torque(90000, 0) < ctl_follow_torque(89000, 0)) { /* the table's last place, and none beyond */
         __builtin_trap();
     }
+    static const uint8_t unnamed[CTL_FRAME_LENGTH] = {[7] = 32}; /* a value that a table of 32 bits has no place for */
+    uint32_t values[CTL_MOST_FIELDS];
+    if (ctl_unpack(CTL_SLOT_ARM_REQUEST, unnamed, values) != CTL_REJECT_ENUM) {
+        __builtin_trap();
+    }
     (void)ctl_init(&state, KEY, 1, &ctl_default_limits);
     starts[POWER_ON] = state;
     for (int64_t now_ms = 1; now_ms < 400; now_ms++) {
