@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Annotated
 
@@ -210,6 +211,8 @@ def data_describe(path: Annotated[Path, typer.Argument(help="the data set's fold
 def data_pack(
     path: Annotated[Path, typer.Argument(help="the data set's folder")],
     hands: Annotated[bool, typer.Option(help="find hands in the videos (needs the extra `hands`)")] = True,
+    jobs: Annotated[int, typer.Option(help="sessions at once; -1: one a core")] = 1,
+    cluster: Cluster = None,
 ) -> None:
     """Run gaze and videos through the feature chain once and keep feature_packs/SESSION.npz; what is there is kept."""
     from hilbridge.terminal import counting
@@ -219,7 +222,8 @@ def data_pack(
 
     try:
         with counting("sessions", packs.missing(path)) as step:
-            made = packs.make_packs(path, hands, step, lambda line: typer.echo(line, err=True))
+            say = partial(typer.echo, err=True)
+            made = packs.make_packs(path, hands, step, say, jobs=jobs, cluster=cluster)
     except ValueError as error:
         raise InputError(str(error)) from None
     typer.echo(f"{len(made)} packs written under {path / 'feature_packs'}")

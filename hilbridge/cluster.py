@@ -29,7 +29,7 @@ def workers(jobs: int, cluster: str | None) -> Iterator[Pools]:
         return joblib.Parallel(n_jobs=jobs)
 
     def own_pool() -> joblib.Parallel:  # workers that end with this process; a cluster's are the cluster's own
-        return joblib.Parallel(n_jobs=jobs, initializer=end_with, initargs=(os.getpid(),))
+        return joblib.Parallel(n_jobs=jobs, return_as="generator", initializer=end_with, initargs=(os.getpid(),))
 
     if jobs == 0:
         raise InputError("jobs 0: somebody has to work; write 1 or more, or -1 for all cores")
@@ -45,12 +45,27 @@ def workers(jobs: int, cluster: str | None) -> Iterator[Pools]:
         yield pool
 
 
-def run_all(pools: Pools, function: Callable[..., Any], parts: Sequence[tuple[Any, ...]], what: str) -> list[Any]:
-    """`function` of each part's arguments, in their order. Raises InputError beginning with `what` where workers keep dying."""
+def run_all(
+    pools: Pools,
+    function: Callable[..., Any],
+    parts: Sequence[tuple[Any, ...]],
+    what: str,
+    on_done: Callable[[Any], None] = lambda made: None,
+) -> list[Any]:
+    """`function` of each part's arguments, in their order. Raises InputError beginning with `what` where workers keep dying.
+
+    on_done: told what each part made, once, in order; on a cluster when all are there.
+    """
+    told = 0
     for attempt in range(_RETRIES + 1):
         try:
             # A new pool each time: one that has lost a worker of Ray's answers its next call with nothing at all.
-            made: list[Any] = pools()(joblib.delayed(function)(*arguments) for arguments in parts)
+            made: list[Any] = []
+            for one in pools()(joblib.delayed(function)(*arguments) for arguments in parts):
+                made.append(one)
+                if len(made) > told:
+                    told += 1
+                    on_done(one)
             if len(made) != len(parts):
                 raise RuntimeError(f"{len(made)} of {len(parts)} parts came back")
             return made

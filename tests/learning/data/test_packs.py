@@ -1,5 +1,8 @@
+from functools import partial
+
 import pytest
 
+from hilbridge.errors import InputError
 from hilbridge.learning.data.describe import describe
 from hilbridge.learning.data.egtea import DatasetError
 from hilbridge.learning.data.sessions import (
@@ -38,3 +41,24 @@ def test_sessions_are_packed_once_and_described_with_their_discards(tmp_path):
         make_packs(tmp_path / "absent")
     with pytest.raises(DatasetError, match="no pack, gaze or video"):
         load_features(root, "P02-R01-Soup")
+
+
+def test_sessions_are_packed_by_several_at_once_as_by_one_after_the_other(tmp_path):
+    from hilbridge.learning.data.packs import make_packs
+
+    made = {}
+    for jobs in (1, 2):
+        root = package(tmp_path / str(jobs), ROW.format(n=0, s=1, start=1000, end=1900, verb="Cut"))
+        (root / "gaze_data").mkdir()
+        for person in range(3):
+            rows = [f"{n}\tSMP\t1\t{640 + n % 7 + person}\t480\t{n * 24 // 30}\t\t-" for n in range(60)]
+            (root / "gaze_data" / f"P0{person}-R01-Soup.txt").write_text("\n".join([*HEADER, OLD, *rows]))
+        said, steps = [], []
+        written = make_packs(root, False, partial(steps.append, 1), said.append, jobs=jobs)
+        assert [path.name for path in written] == [f"P0{person}-R01-Soup.npz" for person in range(3)]
+        assert [line.split(":")[0] for line in said] == [path.name for path in written]
+        assert len(steps) == 3
+        made[jobs] = [path.read_bytes() for path in written]
+    assert made[1] == made[2]
+    with pytest.raises(InputError, match="jobs 0"):
+        make_packs(root, jobs=0)
