@@ -53,7 +53,12 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "hilbridge/core/session.py": ("core/test_session.py", "core/test_both_ends.py"),
     "hilbridge/core/deadline.py": ("core/test_deadline.py",),
     "hilbridge/core/bridge.py": ("core/test_bridge.py", "core/test_bridge_arming.py", "core/test_both_ends.py"),
-    "hilbridge/wire/codec.py": ("wire/test_codec.py", "wire/test_site_messages.py", "wire/test_dbc.py", "wire/test_link.py"),
+    "hilbridge/wire/codec.py": (
+        "wire/test_codec.py",
+        "wire/test_site_messages.py",
+        "wire/test_dbc.py",
+        "wire/test_link.py",
+    ),
     "hilbridge/wire/dbc.py": ("wire/test_dbc.py", "wire/test_codec.py"),
     "hilbridge/wire/link.py": ("wire/test_link.py",),
     "hilbridge/wire/e2e.py": ("wire/test_e2e.py",),
