@@ -43,3 +43,6 @@ def test_the_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None
         node.main(["--version"])
     assert ended.value.code == 0
     assert capsys.readouterr().out == f"firmware-sim {version('hilbridge')}\n"
+    with pytest.raises(SystemExit, match="0"):
+        node.main(["--help"])
+    assert "[--version]" in capsys.readouterr().out
