@@ -133,7 +133,13 @@ static void prepare(ctl_state starts[STARTS]) {
     if (ctl_unpack(CTL_SLOT_ARM_REQUEST, unnamed, values) != CTL_REJECT_ENUM) {
         __builtin_trap();
     }
+    static ctl_state fresh; /* what memory held before power-on is forgotten */
+    memset(&state, 0xA5, sizeof state);
     (void)ctl_init(&state, KEY, 1, &ctl_default_limits);
+    (void)ctl_init(&fresh, KEY, 1, &ctl_default_limits);
+    if (memcmp(&state, &fresh, sizeof state) != 0) {
+        __builtin_trap();
+    }
     starts[POWER_ON] = state;
     for (int64_t now_ms = 1; now_ms < 400; now_ms++) {
         bool acts = state.state == CTL_STATE_READY || state.state == CTL_STATE_ASSIST;

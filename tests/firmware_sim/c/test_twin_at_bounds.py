@@ -209,3 +209,13 @@ def test_damping_begins_at_the_same_speed(verb: int) -> None:
                 law.fast_mdeg_s = 20_000 if speed > 0 else -20_000
                 law.peaks = (1_500_000,) * len(law.peaks)
                 both(state, replace(hand.inputs, velocity_mdeg_s=speed), hand.now_ms + 1)
+
+
+def test_who_falls_back_to_follow_is_neutral_anew() -> None:
+    hand = Hand().to_assist()
+    for neutral in (1, 2, 3):
+        state = copied(hand.state)
+        state.state, state.ramp_fault, state.neutral = State.RAMP_DOWN, True, neutral
+        state.torque.assist_unm = state.torque.guide_from_unm = state.torque.damping_from_unm = 0
+        after = both(state, hand.inputs, hand.now_ms + 1)
+        assert (after.state, after.neutral) == (State.FOLLOW, 0)
