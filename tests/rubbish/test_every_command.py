@@ -5,6 +5,7 @@ In this process, since what is tested is what leaves `guarded`; a sample goes th
 
 from __future__ import annotations
 
+import os
 import random
 import resource
 import signal
@@ -267,10 +268,9 @@ def test_a_closed_or_full_output_is_one_line(program: str, words: list[str]) -> 
     assert done.returncode == 2
     assert len(done.stderr.strip().splitlines()) == 1, done.stderr
     assert "space" in done.stderr
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stdout is not None
-        assert process.stderr is not None
-        process.stdout.close()
-        said = process.stderr.read()
-    assert process.returncode == 1
-    assert len(said.strip().splitlines()) == 1, said
+    reading, writing = os.pipe()
+    os.close(reading)  # before the program begins: one that is quick would have written all of it by then
+    closed = subprocess.run(command, stdout=writing, stderr=subprocess.PIPE, text=True, check=False)
+    os.close(writing)
+    assert closed.returncode == 1
+    assert len(closed.stderr.strip().splitlines()) == 1, closed.stderr
