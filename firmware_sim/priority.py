@@ -14,7 +14,7 @@ def use_realtime_scheduling() -> bool:
 
     Linux grants it to root and to processes with an rtprio limit. The kernel keeps 5 % of the time for all others, so
     a process that runs away can still be stopped. Whatever the answer, what this process consists of by now is never
-    collected again (a full collection looks at every object, for longer than a command may be missing).
+    garbage-collected again: a full collection looks at every object, and no tick comes meanwhile (decision 020).
     """
     gc.freeze()
     if sys.platform != "linux" or (os.cpu_count() or 1) < 2:

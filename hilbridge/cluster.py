@@ -58,21 +58,35 @@ def run_all(
     """
     told = 0
     for attempt in range(_RETRIES + 1):
+        made: list[Any] = []
         try:
-            # A new pool each time: one that has lost a worker of Ray's answers its next call with nothing at all.
-            made: list[Any] = []
-            for one in pools()(joblib.delayed(function)(*arguments) for arguments in parts):
+            for one in _results(pools, function, parts):
                 made.append(one)
                 if len(made) > told:
                     told += 1
                     on_done(one)
-            if len(made) != len(parts):
-                raise RuntimeError(f"{len(made)} of {len(parts)} parts came back")
             return made
-        except _lost_worker() as error:
+        except _LostWorkerError as lost:
             if attempt == _RETRIES:
-                raise InputError(f"{what}: workers die again and again ({type(error).__name__}: {error})") from None
+                raise InputError(f"{what}: workers die again and again ({lost})") from None
     raise AssertionError("unreachable")
+
+
+class _LostWorkerError(Exception):
+    """A worker died. Of its own, so that an error of whoever is told of a result is not taken for one."""
+
+
+def _results(pools: Pools, function: Callable[..., Any], parts: Sequence[tuple[Any, ...]]) -> Iterator[Any]:
+    """What each part makes, in order, from a new pool: one that lost a worker of Ray's answers its next call with nothing."""
+    count = 0
+    try:
+        for one in pools()(joblib.delayed(function)(*arguments) for arguments in parts):
+            count += 1
+            yield one
+    except _lost_worker() as error:
+        raise _LostWorkerError(f"{type(error).__name__}: {error}") from None
+    if count != len(parts):
+        raise _LostWorkerError(f"{count} of {len(parts)} parts came back")
 
 
 @contextmanager

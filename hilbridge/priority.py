@@ -7,8 +7,8 @@ for which the tick would wait. The operator's page, a process of its own, comes 
 without waiting for what is ordinary, and is never in the bridge's way. The kernel keeps 5 % of the time for all others,
 so a process that runs away can still be stopped.
 
-Python's collector is kept short as well: a full collection looks at every object, with the libraries' own about 90,000
-of them. That is two ticks here, and far more where memory is shared with the process it was forked from.
+Python's garbage collector is kept short as well: a full collection looks at every object, with the libraries' own about
+90,000 of them, and no tick comes meanwhile (decision 020).
 """
 
 from __future__ import annotations

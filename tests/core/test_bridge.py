@@ -280,4 +280,7 @@ def test_stops_are_to_come_until_the_last_of_them_is_sent() -> None:
     hub = Hub().arm()
     assert hub.bridge.is_stopping is False
     hub.bridge.request_stop(hub.now_ns)
+    hub.bridge.poll(hub.now_ns + 19 * MS)
     assert hub.bridge.is_stopping is True
+    hub.bridge.poll(hub.now_ns + 20 * MS)
+    assert hub.bridge.is_stopping is False

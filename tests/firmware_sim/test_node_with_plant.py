@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import io
 import json
+import runpy
+import sys
 from importlib.metadata import version
 from typing import Any
 
@@ -46,3 +48,10 @@ def test_the_version_is_the_packages(capsys: pytest.CaptureFixture[str]) -> None
     with pytest.raises(SystemExit, match="0"):
         node.main(["--help"])
     assert "[--version]" in capsys.readouterr().out
+
+
+def test_the_file_itself_is_the_program(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "argv", ["firmware-sim", "--version"])
+    with pytest.raises(SystemExit, match="0"):
+        runpy.run_path(node.__file__, run_name="__main__")
+    assert capsys.readouterr().out.startswith("firmware-sim ")

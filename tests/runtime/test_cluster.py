@@ -27,8 +27,10 @@ def test_a_lost_workers_part_is_done_again(cluster: str | None, tmp_path: Path) 
     if cluster == "dask":
         pytest.importorskip("distributed")
     parts = [(str(tmp_path / "killed"), number) for number in range(5)]
+    told: list[int] = []
     with workers(2, cluster) as pools:
-        assert run_all(pools, dying_once, parts, "squares") == [0, 1, 4, 9, 16]
+        assert run_all(pools, dying_once, parts, "squares", told.append) == [0, 1, 4, 9, 16]
+    assert told == [0, 1, 4, 9, 16]
     assert (tmp_path / "killed").exists()
 
 
@@ -42,3 +44,15 @@ def test_what_cannot_work_is_one_line() -> None:
     for jobs, cluster, said in ((0, None, "jobs 0: somebody"), (1, "slurm", "write ray, ray://HOST:PORT, dask")):
         with pytest.raises(InputError, match=said), workers(jobs, cluster):
             pass
+
+
+def square(number: int) -> int:
+    return number * number
+
+
+def test_an_error_of_whoever_is_told_is_no_lost_worker() -> None:
+    def closed(made: int) -> None:
+        raise BrokenPipeError("nobody reads")
+
+    with workers(1, None) as pools, pytest.raises(BrokenPipeError):
+        run_all(pools, square, [(1,)], "squares", closed)
