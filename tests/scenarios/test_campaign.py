@@ -93,7 +93,7 @@ def test_what_dask_says_of_a_worker_that_died_too_often_is_known(
     def once(base: Scenario, sample: Sample) -> Outcome:
         tries.append(sample)
         if len(tries) == 1:
-            raise distributed.KilledWorker("sample", None, 3)
+            raise distributed.KilledWorker("sample", SimpleNamespace(address="tcp://gone:1"), 3)
         return run_sample(base, sample)
 
     monkeypatch.setattr(campaign, "run_sample", once)
