@@ -187,21 +187,23 @@ def run_attempt(parties: Mapping[int, Party], flips: Mapping[int, int | None]) -
     frames = [party.frame for party in parties.values() if party.frame is not None]
     reference = min(frames, key=lambda frame: frame.bits)  # the one whose bits the wire shows longest
     nodes = {number: _Node(party, party.frame is not None) for number, party in parties.items()}
+    played = list(nodes.items())
     limit = len(reference.bits) + _BIT_LIMIT_AFTER_FRAME
     detected: int | None = None
     index = 0
     while index < limit:
-        driven = {number: node.drives(index, reference) for number, node in nodes.items()}
-        wire = min(driven.values())
-        for number, node in nodes.items():
-            flipped = index in flips and flips[index] in (None, number)
-            node.observe(index, driven[number], wire ^ 1 if flipped else wire, reference)
+        driven = [node.drives(index, reference) for _, node in played]
+        wire = min(driven)
+        is_flipped = index in flips
+        for (number, node), own in zip(played, driven, strict=True):
+            seen = wire ^ 1 if is_flipped and flips[index] in (None, number) else wire
+            node.observe(index, own, seen, reference)
             if detected is None and node.result.error is not None and not _is_silent(node):
                 detected = index
         index += 1
         if _is_over(nodes):
             break
-    return AttemptOutcome({number: node.result for number, node in nodes.items()}, detected, index)
+    return AttemptOutcome({number: node.result for number, node in played}, detected, index)
 
 
 def _is_silent(node: _Node) -> bool:
@@ -211,5 +213,12 @@ def _is_silent(node: _Node) -> bool:
 
 def _is_over(nodes: Mapping[int, _Node]) -> bool:
     """Nobody will disturb the wire any more: all rest who could, or simply all."""
-    loud = [node for node in nodes.values() if not _is_silent(node)]
-    return all(node.mode is _Mode.REST for node in loud or nodes.values())
+    somebody_loud, all_rest = False, True
+    for node in nodes.values():  # one that is not over is mostly seen at the first: the sender
+        if node.mode is not _Mode.REST:
+            if not _is_silent(node):
+                return False
+            all_rest = False
+        elif not _is_silent(node):
+            somebody_loud = True
+    return somebody_loud or all_rest

@@ -26,7 +26,7 @@ class Client:
     """One attached program: its node of the medium and its connections.
 
     `deaf`: it no longer receives. `closing_ns`: when it went; what it had queued may still be sent. `blocked_ns`: since
-    when it leaves answers unread. `spent_ns`: work it has cost lately.
+    when it leaves answers unread. `spent_ns`: work it has cost lately. `served_ns`: when it was read last.
     """
 
     node: int
@@ -42,6 +42,7 @@ class Client:
     blocked_ns: int | None = None
     deaf: bool = False
     spent_ns: int = 0
+    served_ns: int = 0
     request: bytes = b""
 
 

@@ -140,11 +140,11 @@ def record_frame(record: Record) -> WireFrame:
 
 def in_parts(kind: Kind, raw: bytes) -> bytes:
     """As many records as `raw` needs; `extra` is 1 where another part follows."""
-    starts = range(0, max(1, len(raw)), DATA_BYTES)
-    return b"".join(
-        Record(kind, extra=int(start + DATA_BYTES < len(raw)), data=raw[start : start + DATA_BYTES]).pack()
-        for start in starts
-    )
+    pack, kept = _RECORD.pack, []  # a status of many nodes is some hundred records: no Record is made of each
+    for start in range(0, max(1, len(raw)), DATA_BYTES):
+        part = raw[start : start + DATA_BYTES]
+        kept.append(pack(kind, 0, len(part), start + DATA_BYTES < len(raw), 0, 0, 0, 0, part))
+    return b"".join(kept)
 
 
 def arrival_of(record: Record) -> Arrival:

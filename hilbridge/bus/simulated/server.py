@@ -30,6 +30,8 @@ NS_PER_S = 1_000_000_000
 DEFAULT_LINGER_S = 1.0  # a bus on which nobody is left is gone within two seconds
 _FIRST_CLIENT_WAIT_S = 30.0
 _RECORDS_PER_READ = 4
+_SPENDER_NS = 500_000  # of work between two sweeps: from then on a client is read a record at a time
+_DISPATCH_WORK_NS = 200_000  # in one turn, for frames that come: from then on the bus waits for the next turn
 _STRANGERS_PER_TURN = 4
 _TURN_S = 0.1
 _READ_WORK_NS = 250_000  # in one turn: who has just come waits for no more than that, and for
@@ -37,10 +39,10 @@ _BUS_WORK_NS = 500_000  # so much of the bus's catching up
 _NO_REST_NS = 2_000_000
 _REST_NS = 200_000
 _SWEEP_NS = 50_000_000
-_SHARE_NS = 2_500_000  # of work for one client between two sweeps, while the bus cannot keep up
+_SHARE_NS = 3_000_000  # of work for one client, while the bus cannot keep up; half of it is forgiven at each sweep
 _MADE_GOOD_WITHIN_NS = 2_000_000  # of work: what every queue holds after a stall takes less
-_OVERLOAD_NS = 5_000_000_000  # from then on nothing is made good, and the bus moves on by a frame a turn
-_OVERLOAD_STEP_NS = 150_000
+_OVERLOAD_NS = 5_000_000_000  # from then on nothing is made good, and the bus moves on by a frame or two a turn
+_OVERLOAD_STEP_NS = 200_000
 _PR_SET_TIMERSLACK = 29
 _WAKE_EARLY_NS = 60_000
 _CLOSING_LIMIT_NS = 100_000_000  # a client that has gone may still send what it had queued, but not for ever
@@ -74,8 +76,11 @@ class BusServer:
         self._behind_since_ns: int | None = None
         self._overloaded_until_ns = 0
         self._sweep_ns = 0
+        self._resume_ns = 0
         self._rested_ns = 0
         self._bus_work_ns = 0
+        self._turn_bus_ns = 0
+        self._is_pressed = False  # the bus cannot keep up: in this turn it moves no more, and clients are read briefly
 
     def stop(self) -> None:
         """Leave `run` at its next turn (from another thread: at most a tenth of a second later)."""
@@ -88,7 +93,8 @@ class BusServer:
                 now_ns = self._clock()
                 if not self._by_node and self._linger_ns is not None and self._unwanted(now_ns):
                     return
-                self._catch_up(now_ns)
+                if now_ns >= self._resume_ns:
+                    self._catch_up(now_ns)
                 self._drop_closed(now_ns)
                 if now_ns >= self._sweep_ns:
                     self._sweep(now_ns)
@@ -126,31 +132,34 @@ class BusServer:
         return ready
 
     def _sweep(self, now_ns: int) -> None:
+        """Expire, and forgive each client half of its cost: who floods comes after who does not, also at once after."""
         self._sweep_ns = now_ns + _SWEEP_NS
         self._reception.expire(now_ns)
         for client in self._by_node.values():
-            client.spent_ns = 0
+            client.spent_ns //= 2
 
     # Clients
 
     def _serve_ready(self, ready: list[tuple[socket.socket, int, Client | None]]) -> None:
         """Whoever has cost least comes first, and a turn is short: a flood delays nobody but itself."""
         known = [
-            (client.spent_ns, order, client, stream)
-            for order, (stream, events, client) in enumerate(ready)
+            (client, stream)
+            for stream, events, client in ready
             if client is not None and self._flushed(client, stream, events)
         ]
-        known.sort(key=lambda entry: entry[:2])
+        known.sort(key=lambda entry: (entry[0].spent_ns, entry[0].served_ns))
         began_ns = at_ns = self._clock()
         served = 0
-        self._bus_work_ns = 0
-        for _, _, client, stream in known:
+        self._bus_work_ns = self._turn_bus_ns = 0
+        self._is_pressed = self._behind_since_ns is not None or began_ns < self._overloaded_until_ns
+        for client, stream in known:
             if client.spent_ns > _SHARE_NS and began_ns < self._overloaded_until_ns:
                 break  # they and the rest have had their share, and wait for the next sweep
             if client.closing_ns is None:
                 self._read_client(stream, client)
             served += 1
             before_ns, at_ns = at_ns, self._clock()
+            client.served_ns = at_ns
             client.spent_ns += at_ns - before_ns - self._bus_work_ns  # what the bus had to do meanwhile is nobody's
             self._bus_work_ns = 0
             if at_ns - began_ns > _READ_WORK_NS:
@@ -180,7 +189,8 @@ class BusServer:
             self._reception.stop_delivering(client)
             return
         try:
-            for record in client.reader.read_some(_RECORDS_PER_READ):
+            is_brief = self._is_pressed or client.spent_ns > _SPENDER_NS
+            for record in client.reader.read_some(1 if is_brief else _RECORDS_PER_READ):
                 self._on_record(client, record)
         except OSError:
             self._reception.leave(client)
@@ -221,10 +231,12 @@ class BusServer:
 
     def _dispatch(self, now_ns: int) -> None:
         """Let the bus catch up before and after a frame; once it is behind, only once a turn."""
-        if self._behind_since_ns is None:
+        if not self._is_pressed and self._behind_since_ns is None and self._turn_bus_ns < _DISPATCH_WORK_NS:
             began_ns = self._clock()
             self._catch_up(now_ns)
-            self._bus_work_ns += self._clock() - began_ns
+            spent_ns = self._clock() - began_ns
+            self._turn_bus_ns += spent_ns
+            self._bus_work_ns += spent_ns
 
     def _bus_now_ns(self, now_ns: int) -> int:
         """The present on the bus: the clock's, unless the bus cannot keep up with it."""
@@ -243,7 +255,7 @@ class BusServer:
         bus's own time slips, so that whoever has something urgent does not wait for what is left undone.
         """
         target_ns = self._bus_now_ns(now_ns)
-        until_ns = self._clock() + _BUS_WORK_NS
+        began_ns = self._clock()
         while True:
             self._reached_ns, events = self.medium.advance_to_event(target_ns)
             for event in events:
@@ -252,12 +264,14 @@ class BusServer:
                 self._behind_since_ns = None
                 return
             at_ns = self._clock()
-            if at_ns > until_ns:
+            if at_ns - began_ns > _BUS_WORK_NS:
                 break
         if self._behind_since_ns is None:
             self._behind_since_ns = at_ns
         if at_ns - self._behind_since_ns > _MADE_GOOD_WITHIN_NS or at_ns < self._overloaded_until_ns:
             self._overloaded_until_ns = at_ns + _OVERLOAD_NS
+            if at_ns - began_ns > 2 * _BUS_WORK_NS:  # one step alone may take as long; then clients have as long
+                self._resume_ns = 2 * at_ns - began_ns
 
     def _drop_closed(self, now_ns: int) -> None:
         for node, client in list(self._by_node.items()):

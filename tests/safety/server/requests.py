@@ -7,6 +7,7 @@ import random
 from typing import Any
 
 from hilbridge.bus.simulated.protocol import Flag, Kind, Record, in_parts
+from hilbridge.bus.simulated.requests import FaultsRequest, read_request
 
 _LEAST_ID = 0x100  # honest clients' frames are more urgent: what delays them then is not arbitration
 _ODD: tuple[Any, ...] = (
@@ -100,7 +101,27 @@ def _spoilt(rng: random.Random, given: dict[str, Any]) -> dict[str, Any]:
         return given
 
 
+def harms_others(raw: bytes) -> bool:
+    """Whether the bus takes this request, and it harms more than the fuzzers' own frames.
+
+    Something odd in the right place does: a corruption of every identifier, a babble more urgent than any frame.
+    """
+    request = read_request(raw)
+    if not isinstance(request, FaultsRequest):
+        return False
+    asked = request.faults
+    identifiers = [entry.can_id for entry in (*asked.corruptions, *asked.babbles)]
+    return asked.bit_error_rate > 0 or any(can_id is None or can_id < _LEAST_ID for can_id in identifiers)
+
+
 def _control(rng: random.Random, *, wild: bool) -> bytes:
+    while True:
+        raw = _one_control(rng, wild=wild)
+        if wild or not harms_others(raw):
+            return raw
+
+
+def _one_control(rng: random.Random, *, wild: bool) -> bytes:
     choice = rng.random()
     if choice < 0.15:
         return rng.choice(_RAW[:2] + _RAW[3:]) if rng.random() < 0.2 else rng.randbytes(rng.randrange(64))
