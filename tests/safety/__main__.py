@@ -16,6 +16,7 @@ def main() -> int:
     """Parse, run the parts, print."""
     parser = argparse.ArgumentParser(prog="python -m tests.safety", description=__doc__)
     parser.add_argument("parts", nargs="*", metavar="PART", help=f"any of {', '.join(PARTS)} (default: all)")
+    parser.add_argument("--without", choices=list(PARTS), help="all but this one")
     parser.add_argument("--quick", action="store_true", help="the seeded part that `make test` runs")
     parser.add_argument("--seed", type=int, default=Scale().seed)
     parser.add_argument("--share", type=float, default=1.0, help="share of the random campaigns, 1.0 is all")
@@ -29,7 +30,7 @@ def main() -> int:
     if strangers:
         parser.error(f"{', '.join(strangers)}: not among the files that are mutated: {', '.join(TARGETS)}")
     scale = Scale(options.quick, options.seed, options.share, options.bus, tuple(options.files))
-    wanted = options.parts or list(PARTS)
+    wanted = [name for name in options.parts or PARTS if name != options.without]
     found: dict[str, list[Row]] = {}
     computed = [name for name in LONGEST_FIRST if name in wanted]
     with ProcessPoolExecutor(min(len(computed), LANES) or 1, get_context("spawn")) as pool:
