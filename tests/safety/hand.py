@@ -7,7 +7,7 @@ from dataclasses import replace
 from firmware_sim import e2e, frames, secoc
 from firmware_sim.memory import ControllerState, Inputs, Received
 from firmware_sim.states import State
-from tests.safety.stepping import Outputs, step
+from tests.safety.stepping import PATIENCE_TICKS, Outputs, step
 
 KEY = secoc.DEMO_KEY
 BOOT_NONCE = 0x0B007B00
@@ -22,6 +22,7 @@ class Hand:
     def __init__(self, state: ControllerState | None = None) -> None:
         self.state = state or ControllerState(KEY, BOOT_NONCE)
         self.now_ms = self.state.last_tick_ms
+        self.ticks_left = PATIENCE_TICKS
         self.inputs = Inputs(velocity_mdeg_s=20_000, random_u32=DEVICE_NONCE)
         self.outputs = Outputs((), 0, 0, 0)
         self.counters: dict[int, int] = {}
@@ -35,8 +36,10 @@ class Hand:
     # time
 
     def tick(self, *received: Received, **changes: object) -> Outputs:
-        """One millisecond with these frames."""
+        """One millisecond with these frames. A test that waits for what never comes fails, also of a mutant."""
         self.now_ms += 1
+        self.ticks_left -= 1
+        assert self.ticks_left > 0
         self.state, self.outputs = step(self.state, replace(self.inputs, frames=received, **changes), self.now_ms)
         for can_id, data in self.outputs.frames:
             self.log.append((can_id, data))

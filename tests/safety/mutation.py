@@ -113,11 +113,13 @@ def baseline() -> Baseline:
 
 
 def chosen_tests(target: str, mutant: Mutant, known: Baseline) -> tuple[list[str], bool]:
-    """Tests that run through the mutant's line, quickest first; TARGETS says which where it runs at import (the flag)."""
+    """Tests that run through the mutant's line, quickest first; TARGETS says which where it runs at import (the flag).
+
+    A test that imports a file anew runs through the module's lines, and need not look at them."""
     tests = known.lines.get(target, {}).get(mutant.line, set())
     at_import = not tests and mutant.place == "function"
-    if not tests:
-        tests = {test for test in known.seconds if test.split("::")[0].endswith(TARGETS[target])}
+    if not tests or mutant.place != "function":
+        tests = tests | {test for test in known.seconds if test.split("::")[0].endswith(TARGETS[target])}
     return sorted(tests, key=lambda test: (known.seconds.get(test, 0.0), test)), at_import
 
 

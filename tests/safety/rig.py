@@ -15,7 +15,7 @@ from hilbridge.records import Action, Frame, GateDecision, HoldReason
 from hilbridge.wire.codec import Codec, Decoded, RejectReason
 from hilbridge.wire.link import WireLink
 from hilbridge.wire.secoc import Authenticator
-from tests.safety.stepping import Outputs, step
+from tests.safety.stepping import PATIENCE_TICKS, Outputs, step
 
 BOOT_NONCE = 0x0B007B00
 ACT_TAKE = GateDecision(Action.ACT, 0, 0.9, HoldReason.NONE)
@@ -91,6 +91,7 @@ class Rig:
     def tick(self, **changes: object) -> Outputs:
         """One millisecond: bridge (every 40th), then device, then the device's frames to the bridge."""
         self.now_ms += 1
+        assert self.now_ms < PATIENCE_TICKS
         now_ns = self.now_ms * MS
         if self.bridge_runs and self.now_ms % 40 == self.tick_phase_ms:
             self.bridge.begin_tick(now_ns)

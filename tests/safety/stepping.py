@@ -13,6 +13,7 @@ from typing import NamedTuple
 from firmware_sim.controllers import step_of
 from firmware_sim.memory import ControllerState, Inputs
 
+PATIENCE_TICKS = 400_000  # no test lives longer: one that waits for what never comes fails, and does not hang
 _memory = attrgetter(*(field.name for field in fields(ControllerState)))
 
 

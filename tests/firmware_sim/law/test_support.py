@@ -72,7 +72,7 @@ def test_support_follows_angle_and_scale() -> None:
 @requirement("T5")
 def test_h3_a_verb_without_support_takes_it_away_no_faster_than_its_500_ms() -> None:
     law, path = copy(HELD), [80_000]
-    while law.gravity_unm:
+    while law.gravity_unm and len(path) < 1000:
         support(law, CUT, 60_000, 1000)
         path.append(law.gravity_unm)
     assert 490 <= len(path) - 1 <= 500
