@@ -12,6 +12,8 @@ from tests.safety.mutation import ROOT
 from tests.safety.server import run as server
 from tests.safety.table import Row, Scale, printed
 from tests.safety.tools import planted
+from tests.safety.tools.baseline import Baseline, chosen_tests, quickest
+from tests.safety.tools.mutants import Mutant
 from tests.safety.wire import corruption, forgery, fuzz, replay
 
 requirement = pytest.mark.requirement
@@ -68,6 +70,17 @@ def test_mutation_sample() -> None:
         check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_a_mutant_meets_the_tests_that_look_at_its_line() -> None:
+    a, b, c = "tests/core/test_gate.py::test_a", "tests/core/test_gate.py::test_b", "tests/wire/test_e2e.py::test_c"
+    known = Baseline({"gate.py": {7: {c}}}, {a: 3.0, b: 1.0, c: 2.0})
+    in_function, of_module = Mutant("m", 7, list, "function"), Mutant("m", 7, list, "module")
+    assert chosen_tests("gate.py", in_function, known, ("core/test_gate.py",)) == ([c], False)
+    assert chosen_tests("gate.py", of_module, known, ("core/test_gate.py",)) == ([b, c, a], False)
+    assert chosen_tests("gate.py", in_function._replace(line=8), known, ("core/test_gate.py",)) == ([b, a], True)
+    assert quickest([b, c, a], known, 3.0) == [b, c]
+    assert quickest([a], known, 1.0) == [a]
 
 
 @requirement("P9")

@@ -1,7 +1,8 @@
 """Mutation of what decides about safety: a process per mutant; crashes and time-outs counted apart from kills.
 
 A mutant survives if every test that runs through its line still passes. Survivors must be argued, one by one, in
-equivalent_mutants.json; an entry there that names no mutant any more fails as well.
+equivalent_mutants.json; an entry there that names no mutant any more fails as well. What is argued meets the quickest
+of its tests where all files are mutated, and all of them where files are named (`--files`).
 """
 
 from __future__ import annotations
@@ -12,17 +13,15 @@ import io
 import json
 import os
 import random
-import re
 import signal
-import subprocess
 import sys
-import tempfile
 import time
 from collections import Counter
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from tests.safety.table import Row, Scale
+from tests.safety.tools.baseline import baseline, chosen_tests, quickest
 from tests.safety.tools.install import import_anew, install
 from tests.safety.tools.mutants import Mutant, mutants
 
@@ -65,62 +64,16 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "hilbridge/wire/secoc.py": ("wire/test_secoc.py",),
     "hilbridge/wire/keys.py": ("wire/test_keys.py",),
 }
-TESTS = ("tests/firmware_sim", "tests/core", "tests/wire")
 QUICK = {
     "firmware_sim/secoc.py": ["tests/wire/test_secoc.py", "tests/wire/test_keys.py"],
     "firmware_sim/e2e.py": ["tests/firmware_sim/test_frames_and_e2e.py", "tests/wire/test_conformance.py"],
     "hilbridge/wire/e2e.py": ["tests/wire/test_e2e.py"],
 }
 TIMEOUT_S = 60.0
+ARGUED_S = 5.0  # of tests for a mutant that is argued, where all files are mutated: all of its tests take up to 240 s
 JOBS = os.cpu_count() or 1
 CONTROL = "control"
 CONTROL_TEST_S, CONTROL_TESTS = 0.1, 60  # controls run as many quick tests, drawn by the seed
-
-
-class Baseline(NamedTuple):
-    """Which tests run through which line of which file, and how long each takes."""
-
-    lines: dict[str, dict[int, set[str]]]
-    seconds: dict[str, float]
-
-
-def baseline() -> Baseline:
-    """Run all tests once, recording per line who runs through it. Raises RuntimeError when they do not pass."""
-    from coverage import CoverageData
-
-    with tempfile.TemporaryDirectory() as folder:
-        data_file = Path(folder) / "coverage"
-        command = [sys.executable, "-m", "pytest", *TESTS, "-q", "-p", "no:cacheprovider", "--cov=firmware_sim"]
-        command += ["--cov=hilbridge.core", "--cov=hilbridge.wire", "--cov-context=test", "--cov-report="]
-        command += ["--durations=0", "--durations-min=0", "-vv", "--hypothesis-seed=0"]
-        environment = os.environ | {"COVERAGE_FILE": str(data_file), "PYTHONPATH": str(ROOT), "COLUMNS": "400"}
-        done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
-        if done.returncode != 0:
-            raise RuntimeError(f"tests fail without any mutation:\n{done.stdout[-2000:]}")
-        seconds: dict[str, float] = {}
-        for found in re.finditer(r"^([0-9.]+)s (?:call|setup)\s+(\S.*)$", done.stdout, re.M):
-            seconds[found[2].strip()] = seconds.get(found[2].strip(), 0.0) + float(found[1])
-        data = CoverageData(str(data_file))
-        data.read()
-        lines: dict[str, dict[int, set[str]]] = {}
-        for name in data.measured_files():
-            relative = str(Path(name).relative_to(ROOT))
-            lines[relative] = {
-                line: {context.split("|")[0] for context in contexts if context}
-                for line, contexts in data.contexts_by_lineno(name).items()
-            }
-    return Baseline(lines, seconds)
-
-
-def chosen_tests(target: str, mutant: Mutant, known: Baseline) -> tuple[list[str], bool]:
-    """Tests that run through the mutant's line, quickest first; TARGETS says which where it runs at import (the flag).
-
-    A test that imports a file anew runs through the module's lines, and need not look at them."""
-    tests = known.lines.get(target, {}).get(mutant.line, set())
-    at_import = not tests and mutant.place == "function"
-    if not tests or mutant.place != "function":
-        tests = tests | {test for test in known.seconds if test.split("::")[0].endswith(TARGETS[target])}
-    return sorted(tests, key=lambda test: (known.seconds.get(test, 0.0), test)), at_import
 
 
 class Case(NamedTuple):
@@ -301,7 +254,9 @@ def _cases(everything: dict[str, list[Mutant]], argued: dict[str, dict[str, str]
     cases = []
     for target, found in everything.items():
         for mutant in found:
-            tests, at_import = chosen_tests(target, mutant, known)
+            tests, at_import = chosen_tests(target, mutant, known, TARGETS[target])
+            if not scale.files and mutant.key in argued.get(target, {}):
+                tests = quickest(tests, known, ARGUED_S)
             alone_s = sum(known.seconds.get(test, 0.0) for test in tests)
             cases.append(Case(target, mutant, tests, at_import, TIMEOUT_S + 10 * alone_s))
     named = {}

@@ -9,8 +9,9 @@ import sys
 import tempfile
 from pathlib import Path
 
-from tests.safety.mutation import ROOT, TARGETS, TESTS
+from tests.safety.mutation import ROOT, TARGETS
 from tests.safety.table import REFERENCE, Row, Scale
+from tests.safety.tools.baseline import TESTS
 
 
 def run(scale: Scale) -> list[Row]:
