@@ -187,15 +187,14 @@ def run_attempt(parties: Mapping[int, Party], flips: Mapping[int, int | None]) -
     frames = [party.frame for party in parties.values() if party.frame is not None]
     reference = min(frames, key=lambda frame: frame.bits)  # the one whose bits the wire shows longest
     nodes = {number: _Node(party, party.frame is not None) for number, party in parties.items()}
-    played = list(nodes.items())
     limit = len(reference.bits) + _BIT_LIMIT_AFTER_FRAME
     detected: int | None = None
     index = 0
     while index < limit:
-        driven = [node.drives(index, reference) for _, node in played]
+        driven = [node.drives(index, reference) for node in nodes.values()]
         wire = min(driven)
         is_flipped = index in flips
-        for (number, node), own in zip(played, driven, strict=True):
+        for (number, node), own in zip(nodes.items(), driven, strict=True):
             seen = wire ^ 1 if is_flipped and flips[index] in (None, number) else wire
             node.observe(index, own, seen, reference)
             if detected is None and node.result.error is not None and not _is_silent(node):
@@ -203,7 +202,7 @@ def run_attempt(parties: Mapping[int, Party], flips: Mapping[int, int | None]) -
         index += 1
         if _is_over(nodes):
             break
-    return AttemptOutcome({number: node.result for number, node in played}, detected, index)
+    return AttemptOutcome({number: node.result for number, node in nodes.items()}, detected, index)
 
 
 def _is_silent(node: _Node) -> bool:
