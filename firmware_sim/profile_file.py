@@ -1,7 +1,7 @@
 """profiles.toml: read and checked. Whatever is not known to be within the contract is refused, in one line.
 
 A file of one's own may only be tighter than the one that ships, verb by verb.
-`python -m firmware_sim.profile_file [FILE]` says whether a file can be used, and its hash.
+`python -m firmware_sim.profile_file [FILE]` says whether a file can be used, and its hash; `--text` prints the one that ships.
 """
 
 from __future__ import annotations
@@ -216,9 +216,9 @@ def _wider(own: Profile, limit: Profile) -> str | None:
     return None
 
 
-def read_own(path: Path) -> Profiles:
-    """Profiles of a file of one's own, which may only be tighter than those that ship. Raises ProfilesUnusable."""
-    found = read(path)
+def read_own(path: Path | None) -> Profiles:
+    """Profiles of a file of one's own, which may only be tighter than those that ship; None: those. Raises ProfilesUnusable."""
+    found = read(path or SHIPPED)
     refuse_wider(found, read(), str(path))
     return found
 
@@ -229,9 +229,12 @@ def said(profiles: Profiles) -> str:
 
 
 def main(arguments: list[str]) -> int:
-    """Check a file, or the one that ships; 0 where it can be used, 2 with one line where not."""
+    """Check a file, or the one that ships, or print that; 0 where it can be used, 2 with one line where not."""
+    if arguments == ["--text"]:
+        print(SHIPPED.read_text(encoding="utf-8"), end="")  # noqa: T201
+        return 0
     try:
-        found = read_own(Path(arguments[0])) if arguments else read()
+        found = read_own(Path(arguments[0]) if arguments else None)
     except ProfilesUnusable as error:
         print(" ".join(str(error).split()), file=sys.stderr)  # noqa: T201
         return 2

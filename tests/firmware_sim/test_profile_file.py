@@ -193,7 +193,7 @@ def test_the_limits_are_the_contracts() -> None:
 @pytest.mark.parametrize(
     ("text", "told"),
     [
-        ("", "`profile` = None: write sections [profile.NAME] as the shipped file"),
+        ("", "`profile` = None: write sections [profile.NAME] as the file that ships has"),
         ("profile = 3", "`profile` = 3: write sections"),
         ("profile = {}", "'Take' is missing"),
         ("a = [", "not readable as TOML ("),
@@ -239,7 +239,7 @@ def test_no_utf_8_and_no_file_are_one_line(tmp_path: Path) -> None:
         ("half_wave_ms = 143", "half_wave_ms = 144", "`half_wave_ms` = 144: at most 143 for 'Cut'"),
         ("gravity_per_mille = 20", "gravity_per_mille = 21", "`gravity_per_mille` = 21: at most 20 for 'Take'"),
         ("cap_mnm = 1500", "cap_mnm = 1501", "`cap_mnm` = 1501: at most 1500 for 'Open'"),
-        ("ramp_in_ms = 400", "ramp_in_ms = 399", "`ramp_in_ms` = 399: at least 400 for 'Wash'"),
+        ("ramp_in_ms = 400", "ramp_in_ms = 399", "`ramp_in_ms` = 399: at least 400 for 'Pour'"),
         ("ramp_out_ms = 200", "ramp_out_ms = 201", "`ramp_out_ms` = 201: 200 and nothing else for 'Take'"),
         ("ramp_out_ms = 200", "ramp_out_ms = 199", "`ramp_out_ms` = 199: 200 and nothing else for 'Take'"),
         ('"minimum-jerk"', '"until-contact"', "`guidance` = 'until-contact': 'minimum-jerk' or 'never' for 'Take'"),
@@ -311,6 +311,8 @@ def test_h4_whatever_passes_is_within_every_limit_of_what_ships(data: Any) -> No
 def test_the_program_says_whether_a_file_can_be_used(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 0
     assert capsys.readouterr().out == "A6127E08, 20 verbs assisted\n"
+    assert main(["--text"]) == 0
+    assert capsys.readouterr().out == TEXT
     path = written(tmp_path, changed("cap_mnm = 2000", "cap_mnm = 100"))
     assert main([str(path)]) == 0
     assert re.fullmatch(r"[0-9A-F]{8}, 20 verbs assisted\n", capsys.readouterr().out)
