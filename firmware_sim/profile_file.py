@@ -11,12 +11,13 @@ import hashlib
 import sys
 import tomllib
 from collections.abc import Iterable, Mapping, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import NamedTuple
 
 from firmware_sim.assist_profile import NONE, Guidance, Profile, Profiles
 
-SHIPPED = Path(__file__).with_name("profiles.toml")
+SHIPPED = Path(str(files("firmware_sim") / "profiles.toml"))
 MOST_BYTES = 64 << 10
 _MOST_SHOWN = 60
 CODES = 32  # values that a verb on the bus may have

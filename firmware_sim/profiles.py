@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from functools import cache
 
-from firmware_sim.assist_profile import NONE, Guidance, Profile, Profiles
+from firmware_sim.assist_profile import NONE as NONE
+from firmware_sim.assist_profile import Guidance as Guidance
+from firmware_sim.assist_profile import Profile as Profile
+from firmware_sim.assist_profile import Profiles as Profiles
 from firmware_sim.profile_file import read
-
-__all__ = ["NONE", "Guidance", "Profile", "Profiles", "profile", "shipped"]
 
 
 @cache

@@ -117,6 +117,12 @@ def test_h1_a_verb_that_no_file_names_is_never_assisted(code: int) -> None:
     assert shipped().of(code) == NONE
 
 
+def test_each_code_has_its_own_profile_from_the_first_to_the_last() -> None:
+    first, last = (Profile(1, 1, 1, 100, 1, Guidance.NEVER, cap, 300, 200) for cap in (1, 2))
+    made = Profiles((first, last), "")
+    assert [made.of(code) for code in (-1, 0, 1, 2)] == [NONE, first, last, NONE]
+
+
 @pytest.mark.parametrize(
     ("old", "new", "told"),
     [
