@@ -33,7 +33,7 @@ class ProfilesUnusable(ValueError):
     """The file cannot be used; the message is one line that names file, key, value and a cure."""
 
     def __init__(self, text: str) -> None:
-        super().__init__(" ".join(text.split()))
+        ValueError.__init__(self, " ".join(text.split()))
 
 
 class Number(NamedTuple):
@@ -170,14 +170,14 @@ def _shown(value: object) -> str:
 
 
 def _nearest(word: str, known: Iterable[str]) -> str:
-    near = difflib.get_close_matches(word, known, n=1)
+    near = difflib.get_close_matches(word, known)
     return f"did you mean `{near[0]}`?" if near else f"known here: {', '.join(known)}"
 
 
 def profiles_of(kinds: Iterable[Kind]) -> Profiles:
     """By code, with the hash over what they come to: comments, order and spelling of a file are not in it."""
     by_verb = {verb: kind.profile for kind in kinds for verb in kind.verbs}
-    by_code = tuple(by_verb.get(verb, NONE) for verb in ("", *VERBS))
+    by_code = (NONE, *(by_verb.get(verb, NONE) for verb in VERBS))
     by_code += (NONE,) * (CODES - len(by_code))
     lines = (" ".join(map(str, (code, *map(int, one)))) for code, one in enumerate(by_code))
     return Profiles(by_code, hashlib.sha256("\n".join(lines).encode("ascii")).hexdigest())
@@ -237,7 +237,7 @@ def main(arguments: list[str]) -> int:
     try:
         found = read_own(Path(arguments[0]) if arguments else None)
     except ProfilesUnusable as error:
-        print(" ".join(str(error).split()), file=sys.stderr)  # noqa: T201
+        print(error, file=sys.stderr)  # noqa: T201
         return 2
     print(said(found))  # noqa: T201
     return 0

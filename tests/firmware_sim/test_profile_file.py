@@ -142,6 +142,7 @@ def test_each_code_has_its_own_profile_from_the_first_to_the_last() -> None:
             "`profile.reach.guidance` = 'push': give one of never, minimum-jerk, until-contact",
         ),
         ('"minimum-jerk"', "1", "`profile.reach.guidance` = 1: give one of"),
+        ('"minimum-jerk"', "[]", "`profile.reach.guidance` = []: give one of"),
         ('["Move Around"]', "[]", "'Move Around' is missing; add it to the verbs of a profile or to `never`"),
         ('"Put", ', "", "'Put' is missing"),
         ('"Put", ', '"Putt", ', "`profile.reach.verbs` has 'Putt', which is no verb; did you mean `Put`?"),
@@ -209,6 +210,8 @@ def test_the_limits_are_the_contracts() -> None:
         ("profile = 0x" + "f" * 10_000, "`profile` = more than can be shown: write sections"),
         ('"new\\nline" = 1', "unknown key `new line` = 1; known here: never, profile"),
         ("x = '" + "y" * 10_000 + "'", f"unknown key `x` = '{'y' * 59}...; known here: never, profile"),
+        ("profile = '" + "y" * 58 + "'", f"`profile` = '{'y' * 58}': write sections"),
+        ("profile = '" + "y" * 59 + "'", f"`profile` = '{'y' * 59}...: write sections"),
         ("#" * (MOST_BYTES + 1), f"more than {MOST_BYTES} bytes, larger than any profiles"),
     ],
 )
