@@ -1,4 +1,4 @@
-"""A seeded sample of what an adversary who holds the key makes the assist give (`python -m tests.tools.arm_figures passivity`)."""
+"""What an adversary who holds the key makes the assist give: a seeded sample of `tests.tools.arm_figures passivity`."""
 
 from __future__ import annotations
 

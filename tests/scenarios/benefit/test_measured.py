@@ -35,7 +35,7 @@ def test_who_is_where_the_plan_is_is_helped_in_full_and_harmed_by_nothing() -> N
 
 @pytest.mark.parametrize(("off_m", "share"), [(0.9 * RADIUS_M, 1.0), (1.1 * RADIUS_M, 0.0)])
 def test_on_target_is_within_the_radius(off_m: float, share: float) -> None:
-    beside = replace(PERFECT, hand=PLAN.hand + [off_m, 0.0], pitch=PLAN.pitch + 0.1)
+    beside = replace(PERFECT, hand=PLAN.hand + np.array([off_m, 0.0]), pitch=PLAN.pitch + 0.1)
     sums = measure(beside, beside, [], PLAN)
     assert sums["on_target_s"] == pytest.approx(share * sums["acting_s"])
     assert sums["error_m2s"] == pytest.approx(off_m**2 * sums["acting_s"])
@@ -47,7 +47,7 @@ def test_harm_is_of_acts_that_were_wrong_alone() -> None:
     effect[1_000:1_100], effect[2_000:2_300] = WRONG, WRONG
     power[2_100:2_300] = -1.0  # what is taken back pays for nothing
     acted = replace(PERFECT, effect=effect, power=power)
-    twin = replace(PERFECT, hand=PLAN.hand + [0.0, 0.003])
+    twin = replace(PERFECT, hand=PLAN.hand + np.array([0.0, 0.003]))
     asked = [Order(0, 3, False), Order(40, 3, False), Order(80, 3, True), Order(120, None, None)]
     sums = measure(acted, twin, asked, PLAN)
     assert sums["wrong_s"] == pytest.approx(0.4)
