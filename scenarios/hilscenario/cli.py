@@ -281,7 +281,9 @@ def benefit(
     print_rows(("help", *(one.title for one in page.HELP)), page.table(sample, page.HELP))
     print_rows(("harm", *(one.title for one in page.HARM)), page.table(sample, page.HARM))
     print_rows(page.PEAK_TITLES, page.peaks(sample))
-    print_rows(page.DIFFERENCE_TITLES, page.differences(sample))
+    less = page.differences(sample, page.HELP), [*page.differences(sample, page.HARM), page.at_equal_help(sample)]
+    for figures, rows in zip((page.HELP, page.HARM), less, strict=True):
+        print_rows(("calibrated", *(one.title for one in figures)), rows)
 
 
 show_examples(app, EXAMPLES)

@@ -53,7 +53,7 @@ HARM = (
     Figure("moved mm", "moved_meter_s", "seconds", 1e3),
 )
 FIGURES = (*HELP, *HARM)
-_HELPS, _HARMS = HELP[0], HARM[3:]  # what "equal help" is equal in, and what harm is
+_HELPS, _HARMS = HELP[0], HARM[3:]  # what "equal help" is equal in, and what harm is in json and picture
 
 
 @dataclass(frozen=True)
@@ -144,21 +144,19 @@ def peaks(sample: Sample) -> list[tuple[str, ...]]:
 PEAK_TITLES = ("worst", "mJ of one wrong ACT", "hand moved mm", "latched")
 
 
-def differences(sample: Sample) -> list[tuple[str, ...]]:
-    """The calibrated gate against every other device, each figure; and its harm at equal help."""
-    made = [
-        (
-            f"{CALIBRATED} - {other}",
-            *(sample.apart(CALIBRATED, other, figure).told(figure.digits, "+") for figure in (*HELP, *_HARMS)),
-        )
+def differences(sample: Sample, figures: Sequence[Figure]) -> list[tuple[str, ...]]:
+    """The calibrated gate less every other device."""
+    return [
+        (f"less {other}", *(sample.apart(CALIBRATED, other, figure).told(figure.digits, "+") for figure in figures))
         for other in sample.devices
         if other != CALIBRATED
     ]
-    equal = [sample.at_equal_help(figure).told(figure.digits, "+") for figure in _HARMS]
-    return [*made, (f"- {UNCALIBRATED}, equal help", *("" for _ in HELP), *equal)]
 
 
-DIFFERENCE_TITLES = ("difference", *(figure.title for figure in (*HELP, *_HARMS)))
+def at_equal_help(sample: Sample) -> tuple[str, ...]:
+    """A further line under the differences of harm."""
+    found = [sample.at_equal_help(figure).told(figure.digits, "+") for figure in HARM]
+    return (f"less {UNCALIBRATED}, equal help", *found)
 
 
 def as_json(outcomes: Sequence[Outcome]) -> str:

@@ -53,15 +53,19 @@ def test_equal_help_lies_between_two_thresholds() -> None:
 
 
 def test_where_no_uncalibrated_gate_helps_as_much_nothing_is_said() -> None:
-    lines = page.differences(page.Sample(_outcomes({**MADE, CALIBRATED: (0.9, 2.0)})))
-    assert lines[-1][-2:] == ("-", "-")
+    line = page.at_equal_help(page.Sample(_outcomes({**MADE, CALIBRATED: (0.9, 2.0)})))
+    assert set(line[1:]) == {"-"}
 
 
 def test_a_line_a_device_and_one_a_comparison() -> None:
     sample = page.Sample(_outcomes())
     assert [row[0] for row in page.table(sample, page.FIGURES)] == list(MADE)
     assert {len(row) for row in page.table(sample, page.FIGURES)} == {1 + len(page.FIGURES)}
-    assert {len(row) for row in page.differences(sample)} == {len(page.DIFFERENCE_TITLES)}
+    assert [row[0] for row in page.differences(sample, page.HELP)] == [
+        f"less {one}" for one in MADE if one != CALIBRATED
+    ]
+    assert {len(row) for row in page.differences(sample, page.HELP)} == {1 + len(page.HELP)}
+    assert len(page.at_equal_help(sample)) == 1 + len(page.HARM)
     assert {len(row) for row in page.peaks(sample)} == {len(page.PEAK_TITLES)}
 
 
