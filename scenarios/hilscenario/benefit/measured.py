@@ -23,7 +23,8 @@ from hilscenario.benefit.gates import Order
 from hilscenario.benefit.played import STEP_S, WRONG, Array, Played
 from hilscenario.benefit.visits import Visit, plan_of, wearer_of
 
-RADIUS_M = 0.02  # on target: the middle of the palm so near to where it should be; a spoon, or the rim of a cup
+# On target: the middle of the palm so near to its plan. Where persons 900 to 903 are half of the time, device off.
+RADIUS_M = 0.005
 CARRYING = frozenset(VERBS.index(verb) for verb in ("Put", "Transfer", "Pour", "Inspect/Read"))
 SUMS = (
     "seconds", "acting_s", "carrying_s", "on_target_s", "error_m2s", "shaken_m2_s3", "tilted_rad2s",

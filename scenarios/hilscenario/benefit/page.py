@@ -35,8 +35,8 @@ class Figure:
     def of(self, sums: Array) -> Array:
         """From sums in the order of SUMS, along the last axis; NaN where there is nothing to divide by."""
         top, bottom = sums[..., _AT[self.top]], sums[..., _AT[self.bottom]]
-        ratio = np.divide(top, bottom, out=np.full(np.shape(top), np.nan), where=bottom > 0.0)
-        return self.scale * (np.sqrt(ratio) if self.is_square else ratio)
+        ratio: Array = np.divide(top, bottom, out=np.full(np.shape(top), np.nan), where=bottom > 0.0)
+        return np.asarray(self.scale * (np.sqrt(ratio) if self.is_square else ratio), float)
 
 
 HELP = (
