@@ -260,7 +260,9 @@ def benefit(
         typer.Option(min=0.1, max=1, help="of an uncalibrated gate, beside the bundle's; default: 0.7, 0.65"),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="processes at once")] = os.cpu_count() or 1,
-    out: Annotated[Path | None, typer.Option(help="folder for benefit.json and benefit.png")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="folder for sessions.jsonl (what it holds is not run again), json, png")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Help and harm of gates on the worn arm: calibrated, uncalibrated, an ACT at every tick, device off. Same sessions."""
@@ -269,21 +271,21 @@ def benefit(
     from hilscenario.benefit.visits import visits
     from hilscenario.terminal import print_rows, progress_bar
 
-    asked = visits(people, sessions, seconds, first)
+    asked, compared = visits(people, sessions, seconds, first), gates(raw_tau or (0.7, 0.65))
     with progress_bar(len(asked), quiet=as_json) as progress:
-        outcomes = compare(asked, gates(raw_tau or (0.7, 0.65)), jobs, progress)
+        outcomes = compare(asked, compared, jobs, progress, None if out is None else out / "sessions.jsonl")
     if out is not None:
         page.write(outcomes, out)
     if as_json:
         typer.echo(page.as_json(outcomes))
         return
     sample = page.Sample(outcomes)
-    print_rows(("help", *(one.title for one in page.HELP)), page.table(sample, page.HELP))
-    print_rows(("harm", *(one.title for one in page.HARM)), page.table(sample, page.HARM))
+    for name, figures in page.TABLES.items():
+        print_rows((name, *(one.title for one in figures)), page.table(sample, figures))
     print_rows(page.PEAK_TITLES, page.peaks(sample))
-    less = page.differences(sample, page.HELP), [*page.differences(sample, page.HARM), page.at_equal_help(sample)]
-    for figures, rows in zip((page.HELP, page.HARM), less, strict=True):
-        print_rows(("calibrated", *(one.title for one in figures)), rows)
+    for figures in page.TABLES.values():
+        print_rows(("calibrated", *(one.title for one in figures)), page.differences(sample, figures))
+    print_rows(page.EQUAL_TITLES, page.at_equal_help(sample))
 
 
 show_examples(app, EXAMPLES)

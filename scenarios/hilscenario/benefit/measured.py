@@ -25,9 +25,10 @@ from hilscenario.benefit.visits import Visit, plan_of, wearer_of
 
 # On target: the middle of the palm so near to its plan. Where persons 900 to 903 are half of the time, device off.
 RADIUS_M = 0.005
+LOW_HZ, HIGH_HZ = 3.0, 12.0  # of tremor
 CARRYING = frozenset(VERBS.index(verb) for verb in ("Put", "Transfer", "Pour", "Inspect/Read"))
 SUMS = (
-    "seconds", "acting_s", "carrying_s", "on_target_s", "error_m2s", "shaken_m2_s3", "tilted_rad2s",
+    "seconds", "acting_s", "carrying_s", "on_target_s", "error_m2s", "tremor_m2s", "shaken_m2_s3", "tilted_rad2s",
     "ticks", "act_ticks", "judged_ticks", "right_ticks", "false_assists", "wrong_s", "wrong_j", "moved_meter_s", "latched",
 )  # fmt: skip
 PEAKS = ("most_j", "most_moved_m")  # of one wrong ACT, and of any millisecond
@@ -80,7 +81,8 @@ def _between(event: Event, from_ns: int) -> slice:
 
 def measure(played: Played, twin: Played, asked: Sequence[Order], plan: Wanted) -> Sums:
     """The sums of a session. `twin`: the same without the ACTs that were wrong."""
-    error = np.linalg.norm(played.hand - plan.hand, axis=1)
+    beside = played.hand - plan.hand
+    error, tremor = np.linalg.norm(beside, axis=1), np.linalg.norm(_trembling(beside), axis=1)
     shaken = np.zeros_like(played.hand)
     shaken[1:-1] = np.diff(played.hand, 2, axis=0) / STEP_S**2 - plan.acceleration[1:-1]
     moved = np.linalg.norm(played.hand - twin.hand, axis=1)
@@ -92,6 +94,7 @@ def measure(played: Played, twin: Played, asked: Sequence[Order], plan: Wanted) 
         "carrying_s": float(plan.carrying.sum()) * STEP_S,
         "on_target_s": float((error[plan.acting] <= RADIUS_M).sum()) * STEP_S,
         "error_m2s": float((error[plan.acting] ** 2).sum()) * STEP_S,
+        "tremor_m2s": float((tremor[plan.acting] ** 2).sum()) * STEP_S,
         "shaken_m2_s3": float((shaken[plan.carrying] ** 2).sum()) * STEP_S,
         "tilted_rad2s": float(((played.pitch - plan.pitch)[plan.carrying] ** 2).sum()) * STEP_S,
         "ticks": figures.ticks,
@@ -106,6 +109,13 @@ def measure(played: Played, twin: Played, asked: Sequence[Order], plan: Wanted) 
         "most_j": _most_of_one(is_wrong, given),
         "most_moved_m": float(moved.max()),
     }
+
+
+def _trembling(beside: Array) -> Array:
+    """What of it is between 3 and 12 Hz."""
+    hertz, parts = np.fft.rfftfreq(len(beside), STEP_S), np.fft.rfft(beside, axis=0)
+    parts[(hertz < LOW_HZ) | (hertz > HIGH_HZ)] = 0.0
+    return np.asarray(np.fft.irfft(parts, len(beside), axis=0), float)
 
 
 def _most_of_one(is_wrong: NDArray[np.bool_], given: Array) -> float:

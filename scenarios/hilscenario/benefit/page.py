@@ -39,21 +39,28 @@ class Figure:
         return np.asarray(self.scale * (np.sqrt(ratio) if self.is_square else ratio), float)
 
 
-HELP = (
-    Figure("on target %", "on_target_s", "acting_s", 100.0, digits=1),
-    Figure("off path mm", "error_m2s", "acting_s", 1e3, is_square=True, digits=1),
+ON_TARGET = Figure("on target %", "on_target_s", "acting_s", 100.0, digits=1)
+PATH = (
+    ON_TARGET,
+    Figure("off path mm", "error_m2s", "acting_s", 1e3, is_square=True),
+    Figure("tremor mm", "tremor_m2s", "acting_s", 1e3, is_square=True),
+)
+SPILL = (
     Figure("shaken m/s2", "shaken_m2_s3", "carrying_s", is_square=True),
     Figure("tilt deg", "tilted_rad2s", "carrying_s", degrees(1.0), is_square=True),
 )
-HARM = (
+GATE = (
     Figure("coverage", "act_ticks", "ticks"),
     Figure("precision", "right_ticks", "judged_ticks"),
     Figure("false /min", "false_assists", "seconds", 60.0),
-    Figure("wrong mJ/min", "wrong_j", "seconds", 60e3, digits=1),
+)
+HARM = (
+    Figure("wrong mJ/min", "wrong_j", "seconds", 60e3),
     Figure("moved mm", "moved_meter_s", "seconds", 1e3),
 )
-FIGURES = (*HELP, *HARM)
-_HELPS, _HARMS = HELP[0], HARM[3:]  # what "equal help" is equal in, and what harm is in json and picture
+HELP = (*PATH, *SPILL)
+FIGURES = (*HELP, *GATE, *HARM)
+TABLES = {"path": PATH, "spilling": SPILL, "gate": GATE, "harm": HARM}
 
 
 @dataclass(frozen=True)
@@ -100,29 +107,28 @@ class Sample:
         """How much larger it is than with another device, on the same sessions."""
         return self.estimate(lambda sums: figure.of(sums[device]) - figure.of(sums[other]))
 
-    def at_equal_help(self, figure: Figure) -> Estimate:
-        """Harm of the calibrated gate less that of an uncalibrated one of equal time on target.
+    def at_equal_help(self, helps: Figure, figure: Figure) -> Estimate:
+        """`figure` of the calibrated gate less that of an uncalibrated one that is equal in `helps`.
 
         Between thresholds, and from the device that is off, straight lines; NaN where no uncalibrated gate helps as much.
         """
         curve = [name for name in self.devices if name == OFF or name.startswith(UNCALIBRATED)]
 
         def statistic(sums: dict[str, Array]) -> Array:
-            helps = np.stack([_HELPS.of(sums[name]) for name in curve], axis=-1)
-            harms = np.stack([figure.of(sums[name]) for name in curve], axis=-1)
-            own = _HELPS.of(sums[CALIBRATED])
-            return figure.of(sums[CALIBRATED]) - _between(helps, harms, own)
+            x = np.stack([helps.of(sums[name]) for name in curve], axis=-1)
+            y = np.stack([figure.of(sums[name]) for name in curve], axis=-1)
+            return figure.of(sums[CALIBRATED]) - _between(x, y, helps.of(sums[CALIBRATED]))
 
         return self.estimate(statistic)
 
 
-def _between(helps: Array, harms: Array, wanted: Array) -> Array:
-    """Harm where help is as wanted, row by row."""
-    order = np.argsort(helps, axis=-1)
-    helps, harms = np.take_along_axis(helps, order, -1), np.take_along_axis(harms, order, -1)
-    rows = zip(np.atleast_1d(wanted), np.atleast_2d(helps), np.atleast_2d(harms), strict=True)
-    found = [np.interp(own, x, y, left=np.nan, right=np.nan) for own, x, y in rows]
-    return np.reshape(found, np.shape(wanted))
+def _between(x: Array, y: Array, wanted: Array) -> Array:
+    """`y` where `x` is as wanted, row by row."""
+    order = np.argsort(x, axis=-1)
+    x, y = np.take_along_axis(x, order, -1), np.take_along_axis(y, order, -1)
+    rows = zip(np.atleast_1d(wanted), np.atleast_2d(x), np.atleast_2d(y), strict=True)
+    found = [float(np.interp(own, helps, harms, left=np.nan, right=np.nan)) for own, helps, harms in rows]
+    return np.reshape(np.asarray(found), np.shape(wanted))
 
 
 def table(sample: Sample, figures: Sequence[Figure]) -> list[tuple[str, ...]]:
@@ -141,6 +147,8 @@ def peaks(sample: Sample) -> list[tuple[str, ...]]:
     ]
 
 
+_EQUALLED = (GATE[2], *HARM)
+EQUAL_TITLES = (f"calibrated less {UNCALIBRATED}", *(one.title for one in _EQUALLED))
 PEAK_TITLES = ("worst", "mJ of one wrong ACT", "hand moved mm", "latched")
 
 
@@ -153,10 +161,12 @@ def differences(sample: Sample, figures: Sequence[Figure]) -> list[tuple[str, ..
     ]
 
 
-def at_equal_help(sample: Sample) -> tuple[str, ...]:
-    """A further line under the differences of harm."""
-    found = [sample.at_equal_help(figure).told(figure.digits, "+") for figure in HARM]
-    return (f"less {UNCALIBRATED}, equal help", *found)
+def at_equal_help(sample: Sample) -> list[tuple[str, ...]]:
+    """The calibrated gate less an uncalibrated one that helps as much, by each measure of help."""
+    return [
+        (f"equal {helps.title}", *(sample.at_equal_help(helps, one).told(one.digits, "+") for one in _EQUALLED))
+        for helps in HELP
+    ]
 
 
 def as_json(outcomes: Sequence[Outcome]) -> str:
@@ -192,7 +202,9 @@ def _figures(sample: Sample) -> dict[str, object]:
         f"{CALIBRATED} less": {
             other: {one.title: told(sample.apart(CALIBRATED, other, one)) for one in FIGURES} for other in others
         },
-        "at equal help": {one.title: told(sample.at_equal_help(one)) for one in _HARMS},
+        "at equal": {
+            helps.title: {one.title: told(sample.at_equal_help(helps, one)) for one in _EQUALLED} for helps in HELP
+        },
     }
 
 
@@ -200,16 +212,16 @@ def draw(sample: Sample, path: Path) -> None:
     """Help against harm: each device with both intervals, help as what it adds to the device that is off."""
     plt = plotter()
     figure, axes = plt.subplots(1, 2, figsize=(10, 4.2), layout="constrained")
-    for axis, helps in zip(axes, (HELP[0], HELP[2]), strict=True):
+    for axis, helps in zip(axes, (ON_TARGET, SPILL[0]), strict=True):
         for device in sample.devices:
-            x, y = sample.apart(device, OFF, helps), sample.figure(device, _HARMS[0])
+            x, y = sample.apart(device, OFF, helps), sample.figure(device, HARM[0])
             colour = {OFF: "#6c757d", CALIBRATED: "#2a9d5c", ALWAYS: "#d1495b"}.get(device, "#457b9d")
             across = [[x.value - x.low], [x.high - x.value]]
             upwards = [[y.value - y.low], [y.high - y.value]]
             axis.errorbar(x.value, y.value, upwards, across, fmt="o", color=colour, lw=1.0, capsize=2.0)
             axis.annotate(device, (x.value, y.value), xytext=(5, 5), textcoords="offset points", fontsize=8)
         axis.set_xlabel(f"{helps.title}, more than with the device off")
-        axis.set_ylabel(f"harm: {_HARMS[0].title}")
+        axis.set_ylabel(f"harm: {HARM[0].title}")
     figure.suptitle(f"{sample.sessions} sessions of {sample.people} people; 95 % by person", fontsize=9)
     with in_place_of(path) as partial:
         figure.savefig(partial, format="png", dpi=90)

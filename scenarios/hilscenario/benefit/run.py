@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import asdict, dataclass
+from pathlib import Path
 
 import joblib
 
@@ -54,13 +57,47 @@ def _sums(visit: Visit, asked: list[Order], plan: Wanted, off: Played) -> Sums:
 
 
 def compare(
-    visits: Sequence[Visit], compared: Sequence[Gate], jobs: int, progress: Callable[[str], None]
+    visits: Sequence[Visit],
+    compared: Sequence[Gate],
+    jobs: int,
+    progress: Callable[[str], None],
+    log: Path | None = None,
 ) -> list[Outcome]:
-    """Every session, in their order."""
-    calls = [joblib.delayed(session)(visit, compared) for visit in visits]
-    found: list[Outcome] = []
+    """Every session, in their order. What `log` holds of these gates already is not run again."""
+    found = _known(log, compared)
+    left = [visit for visit in visits if visit not in found]
+    for visit in visits[len(left) :]:
+        progress(visit.kind)
+    calls = [joblib.delayed(session)(visit, compared) for visit in left]
     pool = joblib.Parallel(n_jobs=jobs, return_as="generator", initializer=end_with, initargs=(os.getpid(),))
-    for visit, outcomes in zip(visits, pool(calls), strict=True):
-        found += outcomes
-        progress(f"person {visit.person}, session {visit.session}")
-    return found
+    for visit, outcomes in zip(left, pool(calls), strict=True):
+        found[visit] = outcomes
+        progress(visit.kind)
+        if log is not None:
+            _keep(log, visit, compared, outcomes)
+    return [outcome for visit in visits for outcome in found[visit]]
+
+
+def _keep(log: Path, visit: Visit, compared: Sequence[Gate], outcomes: Sequence[Outcome]) -> None:
+    """A line a session; it begins anew after a line that an interruption cut off."""
+    row = {
+        "visit": asdict(visit),
+        "gates": [asdict(gate) for gate in compared],
+        "sums": {one.device: one.sums for one in outcomes},
+    }
+    log.parent.mkdir(parents=True, exist_ok=True)
+    torn = log.exists() and not log.read_bytes().endswith(b"\n")
+    with log.open("a", encoding="utf-8") as file:
+        file.write("\n" * torn + json.dumps(row) + "\n")
+
+
+def _known(log: Path | None, compared: Sequence[Gate]) -> dict[Visit, list[Outcome]]:
+    """What an earlier call left, less what it was interrupted in, and what was of other gates."""
+    known: dict[Visit, list[Outcome]] = {}
+    for line in [] if log is None or not log.exists() else log.read_text(encoding="utf-8").splitlines():
+        with suppress(ValueError):
+            row = json.loads(line)
+            if row["gates"] == [asdict(gate) for gate in compared]:
+                visit = Visit(**row["visit"])
+                known[visit] = [Outcome(device, visit, sums) for device, sums in row["sums"].items()]
+    return known

@@ -17,8 +17,9 @@ from hilscenario.benefit.visits import Visit
 
 
 def _made(
-    visits: Sequence[Visit], compared: Sequence[Gate], jobs: int, progress: Callable[[str], None]
+    visits: Sequence[Visit], compared: Sequence[Gate], jobs: int, progress: Callable[[str], None], log: Path | None
 ) -> list[Outcome]:
+    del log
     progress("one")
     sums = dict.fromkeys((*SUMS, *PEAKS), 1.0)
     return [Outcome(name, visit, sums) for visit in visits for name in (OFF, *(gate.name for gate in compared))]

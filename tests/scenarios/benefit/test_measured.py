@@ -63,3 +63,13 @@ def test_sessions_add_up_and_the_worst_stays_the_worst() -> None:
     both = added([one, dict.fromkeys(one, 3.0)])
     assert {both[name] for name in SUMS} == {4.0}
     assert {both[name] for name in PEAKS} == {3.0}
+
+
+def test_tremor_is_what_shakes_from_3_to_12_hz() -> None:
+    seconds = np.arange(COUNT) * 1e-3
+    for hertz, share in ((1.0, 0.0), (5.0, 1.0), (20.0, 0.0)):
+        swing = np.stack([0.002 * np.sin(2.0 * np.pi * hertz * seconds), np.zeros(COUNT)], axis=1)
+        plan = replace(PLAN, acting=np.ones(COUNT, bool))
+        shaking = replace(PERFECT, hand=PLAN.hand + swing)
+        sums = measure(shaking, shaking, [], plan)
+        assert sums["tremor_m2s"] == pytest.approx(share * sums["error_m2s"], abs=1e-3 * sums["error_m2s"])
