@@ -1,6 +1,6 @@
 """Work on several processes of this machine, or on a Ray or Dask cluster through their joblib backends.
 
-A part whose worker died is done again, at most three times; then it is said in one line.
+What a worker that died had not given back is done again; after three times in a row without a result it is said in one line.
 """
 
 from __future__ import annotations
@@ -56,20 +56,19 @@ def run_all(
 
     on_done: told what each part made, once, in order; on a cluster when all are there.
     """
-    told = 0
-    for attempt in range(_RETRIES + 1):
-        made: list[Any] = []
+    made: list[Any] = []
+    attempt = 0
+    while len(made) < len(parts):
+        came = len(made)
         try:
-            for one in _results(pools, function, parts):
+            for one in _results(pools, function, parts[came:]):
                 made.append(one)
-                if len(made) > told:
-                    told += 1
-                    on_done(one)
-            return made
+                on_done(one)
         except _LostWorkerError as lost:
-            if attempt == _RETRIES:
+            attempt = attempt + 1 if len(made) == came else 1
+            if attempt > _RETRIES:
                 raise InputError(f"{what}: workers die again and again ({lost})") from None
-    raise AssertionError("unreachable")
+    return made
 
 
 class _LostWorkerError(Exception):

@@ -37,7 +37,7 @@ _OPTIONS: dict[str, dict[str, float]] = {"bus.replay": {"past_s": 0.3}, "bridge.
 # A sample is watched for so long after its fault: three times the longest deadline of the contract.
 _WATCHED_MS = 500.0
 _INSTANT_MS = 300.0  # what follows from a fault without a length: a restart, three STOPs
-_CHUNK = 64
+_CHUNK = 1024  # a cluster gives back so many at once; between two of them cores stand idle
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,7 +158,7 @@ def run_campaign(
 ) -> list[Outcome]:
     """Run what `out` does not hold yet; all outcomes, the nearest to harm first. Raises InputError.
 
-    A chunk whose worker died is run again, at most three times.
+    What a worker that died had not given back is run again.
     """
     out.mkdir(parents=True, exist_ok=True)
     log = out / "campaign.jsonl"
@@ -173,16 +173,17 @@ def run_campaign(
             file.write("\n")
         if not known and file.tell() == 0:
             file.write(json.dumps({"base": _fingerprint(base)}) + "\n")
-        for start in range(0, len(left), _CHUNK):
-            chunk = [(base, sample) for sample in left[start : start + _CHUNK]]
-            for outcome in run_all(pools, run_sample, chunk, "campaign"):
-                outcomes.append(outcome)
-                file.write(json.dumps(outcome.as_json()) + "\n")
-                progress(outcome.sample.fault)
-                if not outcome.safe:
-                    repeat = dump_scenario(scenario_for(base, outcome.sample))
-                    write_whole(out / outcome.sample.file_name, repeat)
+
+        def keep(outcome: Outcome) -> None:
+            outcomes.append(outcome)
+            file.write(json.dumps(outcome.as_json()) + "\n")
             file.flush()
+            progress(outcome.sample.fault)
+            if not outcome.safe:
+                write_whole(out / outcome.sample.file_name, dump_scenario(scenario_for(base, outcome.sample)))
+
+        for start in range(0, len(left), _CHUNK):
+            run_all(pools, run_sample, [(base, sample) for sample in left[start : start + _CHUNK]], "campaign", keep)
     return sorted(outcomes, key=lambda outcome: (outcome.safe, outcome.robustness))
 
 

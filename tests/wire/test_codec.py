@@ -6,7 +6,7 @@ from typing import Any
 
 import cantools
 import pytest
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 from hilbridge.records import Frame
@@ -100,12 +100,17 @@ def test_decoding_by_plan_says_what_each_signal_says(name: str, data: st.DataObj
 
 @requirement("P9")
 @given(st.integers(0, 0x7FF), st.binary(max_size=64), st.booleans(), st.booleans(), st.booleans(), st.booleans())
+@example(0x001, b"", False, False, False, True)
+@example(0x001, b"", True, False, False, True)
+@example(0x002, b"", False, False, False, True)
 def test_h9_decode_never_raises(can_id: int, data: bytes, error: bool, fd: bool, extended: bool, remote: bool) -> None:
     frame = Frame(can_id, data, is_error=error, is_fd=fd, is_extended=extended, is_remote=remote)
     link = WireLink(CODEC)
     for outcome in (CODEC.decode(frame), link.decode(frame)):
         assert isinstance(outcome, (Decoded, Rejected))
-        if error or fd or extended or remote:
+        if can_id == 0x001 and not error:  # a STOP in any form
+            assert isinstance(outcome, Decoded)
+        elif error or fd or extended or remote:
             assert isinstance(outcome, Rejected)
             assert outcome.reason is RejectReason.KIND
         assert outcome.frame is frame

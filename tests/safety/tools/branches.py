@@ -26,6 +26,7 @@ def run(scale: Scale) -> list[Row]:
         )
         done = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True, check=False)
         if done.returncode != 0:
+            print(*(line for line in done.stdout.splitlines() if line.startswith("FAILED")), sep="\n", file=sys.stderr)
             return [Row("branches", "the tests themselves pass", done.stdout.strip().splitlines()[-1], False)]
         files = json.loads(report.read_text())["files"]
     found, missing = 0, []
