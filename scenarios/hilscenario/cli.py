@@ -257,7 +257,7 @@ def benefit(
     first: Annotated[int, typer.Option(min=0, help="the first person")] = 0,
     raw_tau: Annotated[
         list[float] | None,
-        typer.Option(min=0.1, max=1, help="of an uncalibrated gate, beside the bundle's; default: 0.7, 0.65"),
+        typer.Option(min=0.1, max=1, help="of an uncalibrated gate, beside the bundle's; default: 0.65"),
     ] = None,
     jobs: Annotated[int, typer.Option(min=1, help="processes at once")] = os.cpu_count() or 1,
     out: Annotated[
@@ -271,7 +271,7 @@ def benefit(
     from hilscenario.benefit.visits import visits
     from hilscenario.terminal import print_rows, progress_bar
 
-    asked, compared = visits(people, sessions, seconds, first), gates(raw_tau or (0.7, 0.65))
+    asked, compared = visits(people, sessions, seconds, first), gates(raw_tau or (0.65,))
     with progress_bar(len(asked), quiet=as_json) as progress:
         outcomes = compare(asked, compared, jobs, progress, None if out is None else out / "sessions.jsonl")
     if out is not None:

@@ -2,7 +2,8 @@
 
 mujoco: against MuJoCo over 2 s. hold: cuff torque in FOLLOW. tremor: what ACT leaves of tremor, by cuff and loop delay.
 wrong: false ACTs and wrong verbs over verbs and wearers. sampled: N more, of any wearer, verb, phase and wrong verb.
-passivity: N sequences of an adversary who holds the key. speed: how quick it all is.
+passivity: N sequences of an adversary who holds the key. support: N persons assisted with gravity support and without.
+speed: how quick it all is.
 """
 
 from __future__ import annotations
@@ -12,8 +13,10 @@ import itertools
 import random
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from math import sqrt
+from unittest import mock
 
 import numpy as np
 
@@ -22,6 +25,12 @@ from firmware_sim.plant.parameters import PRESETS
 from firmware_sim.plant.tremors import KINDS, Shaking
 from firmware_sim.states import State
 from firmware_sim.worn_device import WornDevice
+from hilscenario.benefit import page
+from hilscenario.benefit.gates import Gate, Order, decided, orders
+from hilscenario.benefit.measured import measure, wanted
+from hilscenario.benefit.played import play
+from hilscenario.benefit.run import Outcome
+from hilscenario.benefit.visits import visits, wearer_of
 from hilscenario.twins.page import TITLES, worst
 from hilscenario.twins.reaching import REST, Leg, Reaches, first_of
 from hilscenario.twins.run import Ask, Body, Pair, acted_ms, begins_ms, cases, compare
@@ -144,6 +153,23 @@ def passivity(count: int, first: int) -> None:
         print(line)
 
 
+def support(count: int, first: int) -> None:
+    """What the calibrated gate's ACTs do to N persons, a session of 40 s each; the same with no gravity support in the law."""
+    outcomes = []
+    for visit in visits(count, 1, 40.0, first):
+        plan, wearer, asked = wanted(visit), wearer_of(visit), {"off": list[Order]()}
+        asked["as it is"] = asked["no support"] = orders(decided(visit, Gate("calibrated")), wearer)
+        for name, own in asked.items():
+            with mock.patch("firmware_sim.torque.support") if name == "no support" else nullcontext():
+                played = play(visit, own)
+            outcomes.append(Outcome(name, visit, measure(played, played, own, plan)))
+    for kind in sorted({one.visit.kind for one in outcomes}):
+        sample = page.Sample([one for one in outcomes if one.visit.kind == kind])
+        for row in page.table(sample, page.HELP):
+            told = (f"{figure.title} {cell}" for figure, cell in zip(page.HELP, row[1:], strict=True))
+            print(f"{kind}, {row[0]}: " + ", ".join(told))
+
+
 PARTS: dict[str, Callable[[], None]] = {
     "mujoco": mujoco,
     "hold": hold,
@@ -151,7 +177,7 @@ PARTS: dict[str, Callable[[], None]] = {
     "wrong": wrong,
     "speed": speed,
 }
-COUNTED: dict[str, Callable[[int, int], None]] = {"sampled": sampled, "passivity": passivity}
+COUNTED: dict[str, Callable[[int, int], None]] = {"sampled": sampled, "passivity": passivity, "support": support}
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser(description=__doc__)
