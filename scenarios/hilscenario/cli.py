@@ -1,4 +1,4 @@
-"""`hilscenario`: list, run, campaign, minimise, faults, schema. Parse, call one room, print."""
+"""`hilscenario`: list, run, campaign, minimise, twins, benefit, faults, schema. Parse, call one room, print."""
 
 from __future__ import annotations
 
@@ -26,6 +26,7 @@ app = typer.Typer(
 )
 
 EXAMPLES = {
+    "benefit": "hilscenario benefit --people 4 --sessions 1 --seconds 30 --jobs 2 --out out/benefit",
     "campaign": "hilscenario campaign catalog/an-ordinary-minute.yaml --samples 20 --out out/campaign",
     "faults": "hilscenario faults",
     "figures": "hilscenario figures",
@@ -246,6 +247,45 @@ def twins(
         typer.echo(to_json(rows))
     else:
         print_rows(TITLES, worst(rows))
+
+
+@app.command()
+def benefit(
+    people: Annotated[int, typer.Option(min=2, help="persons: cerebellar and essential tremor in turn")] = 26,
+    sessions: Annotated[int, typer.Option(min=1, max=100, help="of each person")] = 2,
+    seconds: Annotated[float, typer.Option(min=10, max=600, help="of a session")] = 60.0,
+    first: Annotated[int, typer.Option(min=0, help="the first person")] = 0,
+    raw_tau: Annotated[
+        list[float] | None,
+        typer.Option(min=0.1, max=1, help="of an uncalibrated gate, beside the bundle's; default: 0.65"),
+    ] = None,
+    jobs: Annotated[int, typer.Option(min=1, help="processes at once")] = os.cpu_count() or 1,
+    out: Annotated[
+        Path | None, typer.Option(help="folder for sessions.jsonl (what it holds is not run again), json, png")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Help and harm of gates on the worn arm: calibrated, uncalibrated, an ACT at every tick, device off. Same sessions."""
+    from hilscenario.benefit import page
+    from hilscenario.benefit.run import compare, gates
+    from hilscenario.benefit.visits import visits
+    from hilscenario.terminal import print_rows, progress_bar
+
+    asked, compared = visits(people, sessions, seconds, first), gates(raw_tau or (0.65,))
+    with progress_bar(len(asked), quiet=as_json) as progress:
+        outcomes = compare(asked, compared, jobs, progress, None if out is None else out / "sessions.jsonl")
+    if out is not None:
+        page.write(outcomes, out)
+    if as_json:
+        typer.echo(page.as_json(outcomes))
+        return
+    sample = page.Sample(outcomes)
+    for name, figures in page.TABLES.items():
+        print_rows((name, *(one.title for one in figures)), page.table(sample, figures))
+    print_rows(page.PEAK_TITLES, page.peaks(sample))
+    for figures in page.TABLES.values():
+        print_rows(("calibrated", *(one.title for one in figures)), page.differences(sample, figures))
+    print_rows(page.EQUAL_TITLES, page.at_equal_help(sample))
 
 
 show_examples(app, EXAMPLES)

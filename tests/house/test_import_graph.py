@@ -97,6 +97,7 @@ SUBROOMS: dict[str, dict[str, set[str]]] = {
         "lockstep": {"format", "signals", "verdict", "world"},
         "live": {"format", "signals", "verdict", "world"},
         "twins": set(),
+        "benefit": {"format", "lockstep", "twins", "world"},
         "runner": {"format", "live", "lockstep", "signals", "verdict", "world"},
         "campaign": {"format", "lockstep", "runner", "signals", "verdict", "world"},
         "minimise": {"format", "lockstep", "runner", "signals", "verdict", "world"},

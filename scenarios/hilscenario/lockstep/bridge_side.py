@@ -11,7 +11,7 @@ from hilbridge.limits import MS, TICK_NS
 from hilbridge.records import Frame
 from hilbridge.rows import EventRow, TickRow, belief_row, received_row, sent_row, with_truth
 from hilbridge.runtime.account.judge import judged
-from hilbridge.runtime.assemble import assemble_node
+from hilbridge.runtime.assemble import Parts, assemble_node
 from hilbridge.runtime.node import Tick
 from hilbridge.wire.keys import DEMO_KEY
 from hilscenario.format.schema import Scenario
@@ -35,10 +35,19 @@ class BridgeSide:
     """Senses -> node -> controller chip. `alive` is the process's."""
 
     def __init__(
-        self, scenario: Scenario, clock: WorldClock, board: FaultBoard, bus: BusSide, log: RunLog, body: Body
+        self,
+        scenario: Scenario,
+        clock: WorldClock,
+        board: FaultBoard,
+        bus: BusSide,
+        log: RunLog,
+        body: Body,
+        parts: Parts | None = None,
     ) -> None:
+        """`parts`: in place of the shipped bundle and the scenario's gate."""
         self._scenario, self._clock, self._board, self._bus, self._log = scenario, clock, board, bus, log
         self._body = body
+        self._parts = parts or parts_of(scenario)
         self.tap = Tap("bridge", board, scenario.seed)
         self.senses = VirtualSenses(scenario, clock, board, body, lambda: self.alive and not self._hung)
         self.ticks: list[TickRow] = []
@@ -54,9 +63,9 @@ class BridgeSide:
 
     def _boot(self) -> None:
         """A new process: it has no memory of an earlier one."""
-        self.predictor = make_predictor(self._scenario)
+        self.predictor = make_predictor(self._scenario, own=self._parts.bundle)
         self.node = assemble_node(
-            parts_of(self._scenario),
+            self._parts,
             DEMO_KEY,
             lambda: self._nonces.getrandbits(32),
             BridgeConfig(),

@@ -15,6 +15,7 @@ from collections.abc import Mapping
 from firmware_sim.memory import COUNT_LOST
 from hilbridge.limits import MS
 from hilbridge.rows import EventRow
+from hilbridge.runtime.assemble import Parts
 from hilscenario.format.schema import Scenario
 from hilscenario.format.vocabulary import INTRUDER_FAULTS, WIRE_FAULTS
 from hilscenario.lockstep.bridge_side import BridgeSide
@@ -26,6 +27,7 @@ from hilscenario.lockstep.run_log import Record, RunLog
 from hilscenario.signals.device import DEVICE_COUNTERS
 from hilscenario.world.arm import PUSHING
 from hilscenario.world.fault_board import Active, FaultBoard, fault_row
+from hilscenario.world.recorded import Person
 from hilscenario.world.script import Player
 from hilscenario.world.sensing import Body
 
@@ -33,17 +35,27 @@ from hilscenario.world.sensing import Body
 class Lockstep:
     """One run. `run()` once; `log`, `board`, `device_side` and `bridge` tell what happened."""
 
-    def __init__(self, scenario: Scenario, record: Record | None = None) -> None:
-        """`record` takes the rows of a recording; None where nobody keeps one."""
+    def __init__(
+        self,
+        scenario: Scenario,
+        record: Record | None = None,
+        *,
+        parts: Parts | None = None,
+        wearer: Person | None = None,
+    ) -> None:
+        """`record` takes the rows of a recording; None where nobody keeps one.
+
+        parts, wearer: bundle and gate, and a person, in place of the scenario's own.
+        """
         self.scenario = scenario
         chance = random.Random(scenario.seed)
         self.clock = clock = WorldClock()
         self.log = log = RunLog(record)
         self.board = board = FaultBoard(scenario.steps)
-        self.body = Body(scenario, board)
+        self.body = Body(scenario, board, wearer)
         self.bus = bus = BusSide(scenario.bus, scenario.seed, clock, board, chance)
         self.device_side = DeviceSide(scenario, board, bus, log, chance)
-        self.bridge = BridgeSide(scenario, clock, board, bus, log, self.body)
+        self.bridge = BridgeSide(scenario, clock, board, bus, log, self.body, parts)
         self.intruder = Intruder(scenario, clock, board, bus, self.bridge.tap)
         self.player = Player(board, clock, self)
         self._looked_at = -1  # version of the signals that conditions were last looked at on

@@ -9,7 +9,7 @@ from __future__ import annotations
 from bisect import bisect_right
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import pairwise, zip_longest
 
 from hilbridge.limits import MS
 from hilbridge.verbs import VERBS
@@ -82,7 +82,7 @@ def pose(event: Event) -> Pair:
 def reaches(events: Sequence[Event], from_ns: int = 0) -> Reaches:
     """The plan of these actions; its time 0 is `from_ns`."""
     legs = []
-    for event, after in zip(events, [*events[1:], None], strict=True):
+    for event, after in zip_longest(events, events[1:]):
         legs.append(Leg((event.prepare_ns - from_ns) * 1e-9, pose(event)))
         if after is None or (after.prepare_ns - event.end_ns) * 1e-9 > _AGAIN_S:
             legs.append(Leg((event.end_ns - from_ns) * 1e-9, REST))

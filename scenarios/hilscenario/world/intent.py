@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from hilbridge.intent.bundle import Bundle
 from hilbridge.intent.predictor import Predictor
 from hilbridge.records import FeatureVector, IntentEstimate
 from hilbridge.runtime.deciding import Predicts
@@ -32,10 +33,13 @@ class Scripted:
     def reset(self) -> None: ...
 
 
-def make_predictor(scenario: Scenario, start_ns: int = 0) -> Predicts:
-    """The scenario's source of intent; `start_ns` is its beginning on the caller's clock."""
+def make_predictor(scenario: Scenario, start_ns: int = 0, own: Bundle | None = None) -> Predicts:
+    """The scenario's source of intent; `start_ns` is its beginning on the caller's clock.
+
+    `own`: a bundle in place of the one that ships.
+    """
     if isinstance(scenario.intent, tuple):
         return Scripted(scenario.intent, start_ns)
     if isinstance(scenario.intent, Session) and scenario.intent.replays_beliefs:
         return Believed(scenario.intent, scenario.duration, bundle().bundle_id, start_ns)
-    return Predictor(bundle())
+    return Predictor(own or bundle())

@@ -47,9 +47,10 @@ def person(scenario: Scenario, tremor: Tremor | None = None) -> Person:
 class Body:
     """The wearer as the world sees them, faults of the wearer's own included. Times are the wearer's."""
 
-    def __init__(self, scenario: Scenario, board: FaultBoard) -> None:
+    def __init__(self, scenario: Scenario, board: FaultBoard, wearer: Person | None = None) -> None:
+        """`wearer`: somebody else than the scenario's; no fault of the wearer's own changes them."""
         self._scenario, self._board = scenario, board
-        self.calm = person(scenario)
+        self.calm = wearer or person(scenario)
         self._shaking: dict[Active, Person] = {}
         # A recorded camera has no hands where none are looked for.
         self.has_hands = (

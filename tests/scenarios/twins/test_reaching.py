@@ -33,3 +33,7 @@ def test_the_first_time_of_a_verb_is_the_timelines() -> None:
     event = first_of(1, "Take")
     assert event is not None
     assert event == next(one for one in Wearer(1).events(1_200_000_000_000) if one.verb == event.verb)
+
+
+def test_who_does_nothing_stays_at_rest() -> None:
+    assert reaches([])(3.0) == (REST, (0.0, 0.0), (0.0, 0.0))
