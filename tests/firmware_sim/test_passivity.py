@@ -1,11 +1,11 @@
-"""What an adversary who holds the key makes the assist give: a seeded sample of `tests.tools.arm_figures passivity`."""
+"""What an adversary who holds the key makes the assist give: a seeded sample of `tests.tools.arm.figures passivity`."""
 
 from __future__ import annotations
 
 import pytest
 
 from firmware_sim.law.allowance import WORK
-from tests.tools.arm_passivity import (
+from tests.tools.arm.passivity import (
     REFILL_W,
     SEQUENCES_OF_A_LIFE,
     TANK_J,

@@ -1,4 +1,4 @@
-"""Tremor estimators side by side: `python -m tests.tools.tremor_estimators`.
+"""Tremor estimators side by side: `python -m tests.tools.arm.tremor_estimators`.
 
 Each is fed an elbow's movement, 100 samples a second: a reach every 4 s and a tremor that wanders, or none. `bmflc` is the
 band-limited multiple Fourier linear combiner (2 to 10 Hz in steps of 0.1 Hz, LMS), `kalman` its Kalman form, `split` what

@@ -1,4 +1,4 @@
-"""Figures of the worn arm for docs/arm.md: `python -m tests.tools.arm_figures [PART...] [--count N] [--first N]`.
+"""Figures of the worn arm for docs/arm.md: `python -m tests.tools.arm.figures [PART...] [--count N] [--first N]`.
 
 mujoco: against MuJoCo over 2 s. hold: cuff torque in FOLLOW. tremor: what ACT leaves of tremor, by cuff and loop delay.
 wrong: false ACTs and wrong verbs over verbs and wearers. sampled: N more, of any wearer, verb, phase and wrong verb.
@@ -34,7 +34,7 @@ from hilscenario.benefit.visits import visits, wearer_of
 from hilscenario.twins.page import TITLES, worst
 from hilscenario.twins.reaching import REST, Leg, Reaches, first_of
 from hilscenario.twins.run import Ask, Body, Pair, acted_ms, begins_ms, cases, compare
-from tests.tools import arm_passivity
+from tests.tools.arm.passivity import attacks, told
 
 POUR = 10
 VERBS = ("Take", "Open", "Cut", "Inspect/Read", "Pour", "Mix", "Operate")  # one of each profile
@@ -149,7 +149,7 @@ def sampled(count: int, first: int) -> None:
 
 def passivity(count: int, first: int) -> None:
     """What the assist gave, by tactic."""
-    for line in arm_passivity.told(arm_passivity.attacks(first, count)):
+    for line in told(attacks(first, count)):
         print(line)
 
 
