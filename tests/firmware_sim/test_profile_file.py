@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-import subprocess
+import runpy
 import sys
 from dataclasses import replace
 from pathlib import Path
@@ -13,7 +13,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from firmware_sim import frames
+from firmware_sim import frames, profile_file
 from firmware_sim.assist_profile import NONE, Guidance, Profile, Profiles
 from firmware_sim.c import binding
 from firmware_sim.profile_file import (
@@ -333,14 +333,14 @@ def test_the_program_says_whether_a_file_can_be_used(tmp_path: Path, capsys: pyt
     assert "cap_mnm" in told.err
 
 
-def test_it_is_a_program(tmp_path: Path) -> None:
-    done = subprocess.run(
-        [sys.executable, "-m", "firmware_sim.profile_file", str(tmp_path / "absent")],
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (done.returncode, done.stdout, done.stderr.count("\n")) == (2, "", 1)
+def test_the_file_itself_is_the_program(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["profile_file", str(tmp_path / "absent")])
+    with pytest.raises(SystemExit, match="2"):
+        runpy.run_path(profile_file.__file__, run_name="__main__")
+    told = capsys.readouterr()
+    assert (told.out, told.err.count("\n")) == ("", 1)
 
 
 def test_a_hash_is_shown_with_all_its_digits() -> None:
