@@ -18,7 +18,6 @@ from firmware_sim.memory import (
     Inputs,
     count,
 )
-from firmware_sim.profiles import profile
 from firmware_sim.receive import authorisation_missing, receive
 from firmware_sim.selftest import passed
 from firmware_sim.states import ASSIST, BOOT, ESTOP, PASSIVE, RAMP_DOWN, SELFTEST, Event, Reason
@@ -138,7 +137,7 @@ def _torque(state: ControllerState, inputs: Inputs, now_ms: int) -> None:
     law, current, velocity = state.torque, state.state, inputs.velocity_mdeg_s
     track(law, velocity, inputs.user_torque_unm)
     if current is ASSIST:
-        torque.assisting(law, profile(state.verb), inputs.angle_mdeg, velocity)
+        torque.assisting(law, state.profiles.of(state.verb), inputs.angle_mdeg, velocity)
     elif current is PASSIVE:
         torque.at_rest(law)
     elif current is ESTOP:

@@ -105,7 +105,8 @@ class Device:
 
     def start_anew(self, key: bytes, boot_nonce: int) -> None:
         """Power lost and back at once: the controller begins with nothing remembered; the arm is where it was."""
-        self.state = power_on(name_of(self.state), key, boot_nonce, self.state.limits)
+        state = self.state
+        self.state = power_on(name_of(state), key, boot_nonce, state.limits, state.profiles)
 
     def break_motor(
         self, *, gain: float = 1.0, stuck: bool = False, lag_s: float = LAG_S, bias_nm: float = 0.0

@@ -13,6 +13,7 @@ from typing import NamedTuple
 from firmware_sim.e2e import Receiver
 from firmware_sim.frames import OWN_IDS, RECEIVED_IDS, VERB_NONE, Reject
 from firmware_sim.law.memory import Torque
+from firmware_sim.profiles import Profiles, shipped
 from firmware_sim.states import Reason, State
 from firmware_sim.watchdogs import Limits
 
@@ -106,6 +107,7 @@ class ControllerState:
     shared_key: bytes = field(repr=False)
     boot_nonce: int
     limits: Limits = field(default_factory=Limits)
+    profiles: Profiles = field(default_factory=shipped, repr=False)
     last_tick_ms: int = 0
     state: State = State.BOOT
     reason: Reason = Reason.NONE

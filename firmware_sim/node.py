@@ -33,6 +33,7 @@ from firmware_sim.keys import WRONG, KeyUnusable, load_key
 from firmware_sim.memory import COUNT_LOST, COUNT_STALL_TICKS, COUNT_TRIPS, Refusal
 from firmware_sim.plant.arm import WEARERS
 from firmware_sim.priority import use_realtime_scheduling
+from firmware_sim.profile_file import ProfilesUnusable, read_own
 from firmware_sim.states import wire_name
 
 _TICK_NS = 1_000_000
@@ -253,6 +254,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--bus", default="auto", help="auto, vcan0, can0, hilsim:NAME or interface:channel")
     parser.add_argument("--key-file", type=Path, help="shared key, 32 hex digits, mode 0600 (default: the demo key)")
     parser.add_argument("--controller", choices=CONTROLLERS, default="python", help="the reference, or the same in C")
+    parser.add_argument("--profiles", type=Path, help="assist profiles, tighter than those that ship (profiles.toml)")
     parser.add_argument("--seconds", type=_seconds, help="stop after so many seconds of the device's time")
     parser.add_argument("--json-log", type=Path, help="JSON lines: every change, and one every --log-ms")
     parser.add_argument(
@@ -289,16 +291,16 @@ def main(arguments: list[str] | None = None) -> int:
             log = options.json_log.open("w", encoding="utf-8", buffering=1)
         bus = Attachment(spec)
         use_realtime_scheduling()
-        state = power_on(options.controller, key, secrets.randbits(32))
+        state = power_on(options.controller, key, secrets.randbits(32), profiles=read_own(options.profiles))
         plant = None if options.plant_bus is None else attach(options.plant_bus)
         device = Device(state, options.wearer_torque) if plant is None else LinkedDevice(state, plant)
         node = Node(device, bus, log, options.log_ms)
         _on_signals(node)
-        say(f"ready on {spec.interface}:{spec.channel}")
+        say(f"ready on {spec.interface}:{spec.channel}, profiles {state.profiles.hash32:08X}")
         _take_commands(node, options)
         node.run(options.seconds)
         say(f"done {json.dumps(node.summary())}")
-    except (BusUnusable, ControllerUnusable, KeyUnusable) as error:
+    except (BusUnusable, ControllerUnusable, KeyUnusable, ProfilesUnusable) as error:
         say(" ".join(str(error).split()), wrong=True)
         return 2
     except OSError as error:

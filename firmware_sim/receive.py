@@ -22,7 +22,6 @@ from firmware_sim.memory import (
     count,
     reject,
 )
-from firmware_sim.profiles import profile
 from firmware_sim.states import Event, Reason, State
 from firmware_sim.transitions import fire, mac_failed, trip
 from firmware_sim.transmit import send
@@ -167,7 +166,7 @@ def _why_not(state: ControllerState, verb: int, session: int, echo: int, age: in
         count(state, ECHO_AGE_MAX_MS, echo_age_ms - state.counters[ECHO_AGE_MAX_MS])
     if _sensing_stale(age):
         return Reject.AGE
-    if profile(verb).cap_unm == 0:
+    if state.profiles.of(verb).cap_unm == 0:
         return Reject.VERB
     return Reject.ACCEPTED
 

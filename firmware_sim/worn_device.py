@@ -14,6 +14,7 @@ from firmware_sim.plant.drive import Drive
 from firmware_sim.plant.nerves import Person
 from firmware_sim.plant.parameters import PRESETS, Preset
 from firmware_sim.plant.worn import WornArm
+from firmware_sim.profiles import Profiles, shipped
 from firmware_sim.secoc import DEMO_KEY
 from firmware_sim.torque import DEVICE_WEIGHT_UNM
 
@@ -25,9 +26,13 @@ class WornDevice:
     """Controller, drive, arm and person, a millisecond at a time."""
 
     def __init__(
-        self, person: Person, preset: Preset = PRESETS["quasi-direct"], cuff_nm_rad: float | None = None
+        self,
+        person: Person,
+        preset: Preset = PRESETS["quasi-direct"],
+        cuff_nm_rad: float | None = None,
+        profiles: Profiles | None = None,
     ) -> None:
-        self.state = ControllerState(DEMO_KEY, 1)
+        self.state = ControllerState(DEMO_KEY, 1, profiles=profiles or shipped())
         self.person, self.drive = person, Drive(preset)
         self.arm = WornArm(preset, cuff_nm_rad, angle=person.plan(0.0)[0])
         self.ticks = 0

@@ -11,7 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
-from hilbridge import cli_bus, cli_exchange, cli_learning, cli_record, cli_run
+from hilbridge import cli_bus, cli_exchange, cli_learning, cli_record, cli_run, cli_tune
 from hilbridge.cli_examples import EXAMPLES
 from hilbridge.cli_run import (
     BundleFile,
@@ -163,6 +163,7 @@ cli_exchange.register(app)
 cli_learning.register(app)
 cli_record.register(app)
 cli_run.register(app)
+cli_tune.register(app)
 show_examples(app, EXAMPLES)
 
 

@@ -32,5 +32,6 @@ EXAMPLES = {
     "report": "hilbridge report out/demo/recording.mcap",
     "run": "hilbridge run --camera 0 --gaze neon: --bus vcan0 --seconds 60",
     "train": "hilbridge train --data people/ --out mine.safetensors",
+    "tune": "hilbridge tune sessions/P-07/hand.csv --precision 0.9 --out tuned.diff",
     "view": "hilbridge view out/demo/recording.mcap",
 }

@@ -80,6 +80,14 @@ def check_controller() -> Finding:
     return Finding("controller", Verdict.NOTE, f"Python, the same in more time; the C is {what or 'not there'}", cure)
 
 
+def check_profiles() -> Finding:
+    """Which assist profiles the simulated device has, by their hash; a device of a site tells its own. Asked of it, too."""
+    done = run_leased([sys.executable, "-m", "firmware_sim.profile_file"])
+    if done.returncode == 0:
+        return Finding("profiles", Verdict.WELL, f"of the simulated device: {done.stdout.strip()}")
+    return Finding("profiles", Verdict.ILL, " ".join(done.stderr.split())[-200:], "pip install hilbridge again")
+
+
 def check_bundle(path: Path | None) -> Finding:
     from hilbridge.intent.bundle import demo_bundle_path, load_bundle
 
@@ -198,6 +206,7 @@ def examine(settings: Config, *, look_at_bus: bool) -> list[Finding]:
     """Everything, in the order in which a newcomer needs it."""
     bundle = None if settings.model.bundle is None else Path(settings.model.bundle)
     findings = [check_python(), *check_packages(), check_bundle(bundle), check_hand_model(), check_controller()]
+    findings.append(check_profiles())
     findings += [check_camera(settings.sensors.camera), check_gaze(settings.sensors.gaze, _channels(settings))]
     findings += [
         check_body(what, spec)

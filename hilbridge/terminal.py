@@ -143,6 +143,22 @@ def counting(text: str, total: int) -> Iterator[Callable[[], None]]:
 
 
 @contextmanager
+def steps(text: str, quiet: bool) -> Iterator[Callable[[int], Callable[[], None]]]:
+    """A progress bar that is told of how many when that is known, then of each. Nothing where nobody watches."""
+    if quiet or not _ERR.is_terminal:
+        yield lambda total: lambda: None
+        return
+    with Progress(console=_ERR, transient=True) as bar:
+        task = bar.add_task(text, total=None)
+
+        def begin(total: int) -> Callable[[], None]:
+            bar.update(task, total=total)
+            return lambda: bar.advance(task)
+
+        yield begin
+
+
+@contextmanager
 def counted(text: str, quiet: bool) -> Iterator[Callable[[], None]]:
     """How many items are done, where nobody knows of how many. Nothing where nobody watches."""
     if quiet or not _ERR.is_terminal:
@@ -159,6 +175,17 @@ def counted(text: str, quiet: bool) -> Iterator[Callable[[], None]]:
                 bar.update(task, completed=done)
 
         yield one
+
+
+def print_rows(titles: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """A plain table; long cells go on below."""
+    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim")
+    for title in titles:
+        table.add_column(title)
+    for row in rows:
+        table.add_row(*(escape(cell) for cell in row))
+    printer = Printer()
+    Printer(width=None if printer.is_terminal else 160).print(table)
 
 
 def print_figures(figures: Mapping[str, float | None]) -> None:

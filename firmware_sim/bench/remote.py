@@ -119,7 +119,8 @@ class RemoteDevice:
 
     def start_anew(self, key: bytes, boot_nonce: int) -> None:
         """As Device.start_anew."""
-        self.state = power_on(name_of(self.state), key, boot_nonce, self.state.limits)
+        state = self.state
+        self.state = power_on(name_of(state), key, boot_nonce, state.limits, state.profiles)
 
     def record(self) -> dict[str, Any]:
         """As Device.record; angle and velocity are the plant's readings."""

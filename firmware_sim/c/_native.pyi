@@ -8,6 +8,7 @@ from firmware_sim.watchdogs import Limits
 DIGEST: str
 PLAIN: str
 LAW: str
+PROFILES_HASH: int
 
 class Controller:
     def __init__(self, shared_key: bytes, boot_nonce: int, limits: Limits = ...) -> None: ...

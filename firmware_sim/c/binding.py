@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from firmware_sim.c.flat import flat, state_of
 from firmware_sim.memory import ControllerState, Inputs, Refusal
+from firmware_sim.profiles import shipped
 from firmware_sim.states import Reason, State
 
 if TYPE_CHECKING:
@@ -38,6 +39,10 @@ def why_not() -> str | None:
         return "not built: install a C compiler, then `pip install -e .` again"
     if sources_digest() != _native.DIGEST:
         return "built from other sources: `pip install -e .` again"
+    if shipped().hash32 != _native.PROFILES_HASH:
+        return (
+            "has other profiles than profiles.toml: `python -m firmware_sim.c.generate`, then `pip install -e .` again"
+        )
     return None
 
 

@@ -1,7 +1,8 @@
 """`python -m firmware_sim.c.generate`: write ctl_tables.h, ctl_tables.c and elbow_numbers.h, what the C takes from Python.
 
-States, events, reasons, the transition table, limits, profiles, message layout and the curves of the torque law stand in
-Python alone. A test compares the files with what this module makes. The layout is held to the DBC by its own test.
+States, events, reasons, the transition table, limits, message layout and the curves of the torque law stand in Python
+alone, profiles in profiles.toml. A test compares the files with what this module makes. The layout is held to the DBC by
+its own test.
 """
 
 from __future__ import annotations
@@ -60,6 +61,7 @@ def header() -> str:
     """ctl_tables.h: constants, enumerations, and what ctl_tables.c holds."""
     lines = [_NOTE, "#ifndef CTL_TABLES_H", "#define CTL_TABLES_H", "#include <stdbool.h>", "#include <stdint.h>", ""]
     lines += _defines()
+    lines += [f"#define CTL_PROFILES_HASH 0x{profiles.shipped().hash32:08X}U"]
     for prefix, members in _ENUMS.items():
         named = ", ".join(f"CTL_{prefix}_{member.name} = {member.value}" for member in members)
         lines += ["", f"enum {{ {named} }};", f"#define CTL_{prefix}_COUNT {len(members)}"]

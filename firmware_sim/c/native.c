@@ -526,6 +526,13 @@ PyMODINIT_FUNC PyInit__native(void) {
         return NULL;
     }
 #define X(name) #name " "
+    PyObject *hash = PyLong_FromUnsignedLong(CTL_PROFILES_HASH);
+    if (hash == NULL || PyModule_AddObjectRef(made, "PROFILES_HASH", hash) < 0) {
+        Py_XDECREF(hash);
+        Py_DECREF(made);
+        return NULL;
+    }
+    Py_DECREF(hash);
     PyModule_AddStringConstant(made, "DIGEST", CTL_DIGEST);
     PyModule_AddStringConstant(made, "PLAIN", FLAT_PLAIN(X));
     PyModule_AddStringConstant(made, "LAW", FLAT_LAW(X));

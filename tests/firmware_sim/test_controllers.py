@@ -7,12 +7,18 @@ import random
 import pytest
 
 from firmware_sim import controllers, device, node
+from firmware_sim.assist_profile import Profiles
+from firmware_sim.bench.remote import RemoteDevice
 from firmware_sim.c import binding
 from firmware_sim.c.flat import flat
 from firmware_sim.controllers import ControllerUnusable, name_of, power_on
+from firmware_sim.frames import Reject
 from firmware_sim.memory import COUNT_TX_DROPPED
 from firmware_sim.plant.arm import WEARERS
+from firmware_sim.profile_file import kinds_in, profiles_of
+from firmware_sim.profiles import shipped
 from firmware_sim.secoc import DEMO_KEY
+from firmware_sim.states import State
 from firmware_sim.watchdogs import Limits
 from tests.safety import hand
 
@@ -30,6 +36,43 @@ def test_a_device_with_the_c_does_as_one_with_the_reference() -> None:
     theirs.start_anew(DEMO_KEY, 9)
     assert name_of(theirs.state) == "c"
     assert (theirs.state.boot_nonce, theirs.state.limits) == (9, limits)
+
+
+def _own() -> Profiles:
+    """Reaches without damping, and Pour never."""
+    kinds = {kind.name: kind for kind in kinds_in()}
+    still = kinds["reach"].profile._replace(damping=0, damping_near=0, gravity_per_mille=0)
+    kinds["reach"] = kinds["reach"]._replace(profile=still)
+    del kinds["pour"]
+    return profiles_of(kinds.values())
+
+
+def _assisting(profiles: Profiles | None) -> hand.Hand:
+    return hand.Hand(power_on("python", DEMO_KEY, hand.BOOT_NONCE, profiles=profiles)).to_assist().run(60)
+
+
+def test_a_device_assists_by_the_profiles_it_was_given() -> None:
+    worked = hand.Hand(power_on("python", DEMO_KEY, hand.BOOT_NONCE, profiles=_own())).to_ready()
+    worked.beat(*worked.act(hand.POUR))
+    assert worked.state.counters[Reject.VERB] == 1
+    usual, own = _assisting(None).state, _assisting(_own()).state
+    assert (usual.state, own.state) == (State.ASSIST, State.ASSIST)
+    assert usual.torque.gravity_unm > 0
+    assert own.torque.gravity_unm == 0
+
+
+def test_a_device_that_starts_anew_keeps_its_profiles() -> None:
+    near, remote = (made(power_on("python", DEMO_KEY, 7, profiles=_own())) for made in (device.Device, RemoteDevice))
+    for one in (near, remote):
+        one.start_anew(DEMO_KEY, 9)
+        assert one.state.profiles == _own()
+
+
+@built
+def test_the_c_has_its_profiles_compiled_in_and_takes_no_others() -> None:
+    assert power_on("c", DEMO_KEY, 1, profiles=shipped()).profiles == shipped()
+    with pytest.raises(ControllerUnusable, match=r"compiled in; use --controller python, or .*firmware_sim.c.generate"):
+        power_on("c", DEMO_KEY, 1, profiles=_own())
 
 
 @built

@@ -268,7 +268,7 @@ def test_main_runs_and_ends_with_a_summary(
     log = tmp_path / "device.jsonl"
     assert main(["--bus", "virtual:main-test", "--seconds", "0.1", "--json-log", str(log)]) == 0
     out = capsys.readouterr().out.splitlines()
-    assert out[0] == "firmware-sim ready on virtual:main-test"
+    assert out[0] == "firmware-sim ready on virtual:main-test, profiles A6127E08"
     assert json.loads(out[1].removeprefix("firmware-sim done "))["state"] == "Follow"
     assert len(log.read_text().splitlines()) >= 6
 
@@ -280,6 +280,7 @@ def test_main_runs_and_ends_with_a_summary(
         (["--bus", "udp_multicast:239.74.163.2"], "gives a node its own frames back"),
         (["--bus", "virtual:x", "--key-file", "/nonexistent/key"], "no such key file"),
         (["--bus", "virtual:x", "--json-log", "/nonexistent/log"], "log cannot be written"),
+        (["--bus", "virtual:x", "--profiles", "/nonexistent/own.toml"], "own.toml: cannot be read"),
     ],
 )
 def test_bad_input_is_one_line_and_exit_2(

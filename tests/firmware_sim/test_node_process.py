@@ -16,6 +16,7 @@ import pytest
 from firmware_sim import frames, node
 from firmware_sim.node import main
 from firmware_sim.plant.arm import WEARERS
+from firmware_sim.profile_file import SHIPPED, read
 
 
 class QuietBus:
@@ -96,7 +97,7 @@ def test_it_says_where_it_is_ready_and_leaves_the_bus(
 ) -> None:
     assert device("--seconds", "0.01") == 0
     ready, done = capsys.readouterr().out.splitlines()
-    assert ready == "firmware-sim ready on virtual:quiet"
+    assert ready == "firmware-sim ready on virtual:quiet, profiles A6127E08"
     assert json.loads(done.removeprefix("firmware-sim done "))["seconds"] == 0.01
     assert quiet[0].closed == 1
     assert QuietBus.asked == ["real time", "polite"]
@@ -135,7 +136,9 @@ def test_what_it_does_not_take_is_one_line(
     assert said.count("\n") == 1
 
 
-def test_what_it_takes(quiet: list[QuietBus], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_what_it_takes(
+    quiet: list[QuietBus], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     made: list[tuple[Any, ...]] = []
     by_line: list[bool] = []  # so that a log has what happened until the end, whatever ends it
     real = node.Node.__init__
@@ -152,8 +155,12 @@ def test_what_it_takes(quiet: list[QuietBus], tmp_path: Path, monkeypatch: pytes
     assert device("--seconds", "0.01") == 0
     log = tmp_path / "log"
     more = ["--key-file", str(key), "--json-log", str(log), "--log-ms", "1", "--wearer-torque", list(WEARERS)[-1]]
-    assert device("--seconds", "0.02", *more) == 0
+    own = tmp_path / "own.toml"
+    own.write_text(SHIPPED.read_text(encoding="utf-8").replace("cap_mnm = 2000", "cap_mnm = 1000"), encoding="utf-8")
+    assert device("--seconds", "0.02", *more, "--profiles", str(own)) == 0
     (plain, _bus, none, cycle), (told, _other, file, quick) = made
+    assert (plain.state.profiles, told.state.profiles) == (read(), read(own))
+    assert f", profiles {read(own).hash32:08X}\n" in capsys.readouterr().out
     assert (plain.state.shared_key, none, cycle) == (b"hilbridge-demo-k", None, 20)
     assert (told.state.shared_key, quick) == (b"\xab" * 16, 1)
     assert file.closed

@@ -20,9 +20,11 @@ from tests.safety.stepping import copied, step
 HOME = Path(firmware_sim.__file__).parent
 STEP = (
     "controller", "receive", "transitions", "watchdogs", "torque", "transmit", "states", "memory", "profiles",
-    "frames", "e2e", "secoc", "selftest", "law.allowance", "law.damping", "law.filters", "law.guidance", "law.memory",
-    "law.numbers", "law.support",
+    "assist_profile", "frames", "e2e", "secoc", "selftest", "law.allowance", "law.damping", "law.filters", "law.guidance",
+    "law.memory", "law.numbers", "law.support",
 )  # fmt: skip
+# When a state is made, never in a step: the C has the same table compiled in.
+READ_ONCE = ("profiles", "profile_file")
 # Nothing that reads a clock, a bus, a file or chance; `cryptography` is AES in secoc alone.
 ALLOWED = {"__future__", "collections", "copy", "dataclasses", "enum", "functools", "itertools", "operator", "typing"}
 
@@ -49,6 +51,8 @@ def imported(name: str) -> set[str]:
 def test_what_the_step_is_made_of_has_no_clock_no_bus_and_no_chance(name: str) -> None:
     for module in imported(name):
         ours = module.removeprefix("firmware_sim.") if module.startswith("firmware_sim") else None
+        if (name, ours) == READ_ONCE:
+            continue
         if ours is not None:
             assert ours in STEP, module
         elif module.split(".")[0] == "cryptography":

@@ -62,6 +62,8 @@ MAY_IMPORT: dict[str, set[str]] = {
     "entry": set(),
     "cli_exchange": {"exchange", "intent", "terminal"},
     "cli_learning": {"wearer", "intent", "learning", "people", "terminal"},
+    "cli_tune": {"terminal", "tune"},
+    "tune": {"config", "features", "intent", "learning", "observe", "people", "sensors"},
     "bench": {"bench_prediction", "bus", "core", "intent", "observe", "runtime", "wire"},
     "bench_prediction": {"exchange", "features", "intent", "learning"},
 }

@@ -45,6 +45,8 @@ TARGETS: dict[str, tuple[str, ...]] = {
     "firmware_sim/node.py": ("test_node.py", "test_node_loop.py", "test_node_commands.py", "test_node_process.py"),
     "firmware_sim/attachment.py": ("test_attachment.py", "test_node.py"),
     "firmware_sim/profiles.py": _LAW,
+    "firmware_sim/assist_profile.py": (*_LAW, "test_profile_file.py"),
+    "firmware_sim/profile_file.py": ("test_profile_file.py",),
     "firmware_sim/states.py": ("test_states.py", "wire/test_conformance.py", "test_latches.py"),
     "firmware_sim/e2e.py": ("test_frames_and_e2e.py", "test_edges.py", "wire/test_conformance.py", "test_receive.py"),
     "firmware_sim/secoc.py": ("test_frames_and_e2e.py", "wire/test_secoc.py", "wire/test_keys.py", "test_commands.py"),

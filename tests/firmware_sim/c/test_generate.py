@@ -8,6 +8,7 @@ import pytest
 
 from firmware_sim import profiles
 from firmware_sim.c import generate
+from firmware_sim.profile_file import kinds_in, profiles_of
 
 
 @pytest.mark.parametrize("path", list(generate.made()), ids=lambda path: path.name)
@@ -16,9 +17,13 @@ def test_no_generated_file_is_stale(path: Path) -> None:
 
 
 def test_a_changed_profile_changes_the_tables(monkeypatch: pytest.MonkeyPatch) -> None:
-    before = generate.source()
-    monkeypatch.setitem(profiles._BY_CODE, 4, profiles.profile(1))
+    before, hashed = generate.source(), generate.header()
+    reach, *others = kinds_in()
+    other = profiles_of([reach._replace(profile=reach.profile._replace(cap_unm=1_000_000)), *others])
+    monkeypatch.setattr(profiles, "shipped", lambda: other)
     assert generate.source() != before
+    assert generate.header() != hashed
+    assert f"#define CTL_PROFILES_HASH 0x{other.hash32:08X}U\n" in generate.header()
 
 
 def test_a_name_with_two_values_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
