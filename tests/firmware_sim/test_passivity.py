@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from firmware_sim.law.allowance import WORK
-from tests.tools.arm.passivity import (
+from tests.firmware_sim.passivity import (
     REFILL_W,
     SEQUENCES_OF_A_LIFE,
     TANK_J,

@@ -34,7 +34,7 @@ from hilscenario.benefit.visits import visits, wearer_of
 from hilscenario.twins.page import TITLES, worst
 from hilscenario.twins.reaching import REST, Leg, Reaches, first_of
 from hilscenario.twins.run import Ask, Body, Pair, acted_ms, begins_ms, cases, compare
-from tests.tools.arm.passivity import attacks, told
+from tests.firmware_sim import passivity as adversary
 
 POUR = 10
 VERBS = ("Take", "Open", "Cut", "Inspect/Read", "Pour", "Mix", "Operate")  # one of each profile
@@ -149,7 +149,7 @@ def sampled(count: int, first: int) -> None:
 
 def passivity(count: int, first: int) -> None:
     """What the assist gave, by tactic."""
-    for line in told(attacks(first, count)):
+    for line in adversary.told(adversary.attacks(first, count)):
         print(line)
 
 
