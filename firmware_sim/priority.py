@@ -17,7 +17,7 @@ def use_realtime_scheduling() -> bool:
     garbage-collected again: a full collection looks at every object, and no tick comes meanwhile (decision 020).
     """
     gc.freeze()
-    if sys.platform != "linux" or (os.cpu_count() or 1) < 2:
+    if sys.platform != "linux" or len(os.sched_getaffinity(0)) < 2:  # on a single processor nobody else would run
         return False
     try:
         os.sched_setscheduler(0, os.SCHED_RR, os.sched_param(_PRIORITY))

@@ -44,8 +44,13 @@ def use_realtime_scheduling(level: Level = Level.TICK) -> bool:
     Whatever the answer, what this process consists of by now is never collected again: call it before the loop.
     """
     gc.freeze()
-    _Granted.value = (os.cpu_count() or 1) > 1 and _schedule(level)
+    _Granted.value = _processors() > 1 and _schedule(level)
     return _Granted.value
+
+
+def _processors() -> int:
+    """Those that this process may use: `taskset` or a container may leave it one of many."""
+    return len(os.sched_getaffinity(0)) if sys.platform == "linux" else os.cpu_count() or 1
 
 
 def take_level(level: Level) -> None:
