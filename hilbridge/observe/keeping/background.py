@@ -18,7 +18,7 @@ from hilbridge.rows import ImageRow, Row, SceneRow
 _QUEUE_ROWS = 20_000
 # Pictures are the largest and say least: they give way first.
 _QUEUE_WITH_PICTURES = 2_000
-_EVERY_S = 0.05
+_EVERY_S = 0.2
 
 
 class BackgroundRecording:
