@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from hilbridge.errors import InputError, needs_extra
 
-LEAST_S = 2.0
+LEAST_S, MOST_S = 2.0, 86_400.0  # the longest is a day: stamps in another unit would fill the memory
 _SENSOR = "HAND_R"
 Array = NDArray[np.float64]
 
@@ -33,6 +33,8 @@ def sound(path: Path, t_s: Array, acceleration: Array) -> tuple[Array, Array]:
     t_s, acceleration = t_s[keep], acceleration[keep]
     if len(t_s) < 2 or t_s[-1] - t_s[0] < LEAST_S or np.any(np.diff(t_s) <= 0.0):
         raise InputError(f"{path}: needs rising stamps over {LEAST_S:g} s or more; record longer, or sort it")
+    if (long_s := t_s[-1] - t_s[0]) > MOST_S:
+        raise InputError(f"{path}: lasts {long_s:g} s, longer than a day; give t_s in seconds")
     return t_s, acceleration
 
 
