@@ -8,10 +8,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_sim.plant.band import filtered
 from firmware_sim.plant.chain import wearers_arm
 from firmware_sim.plant.parameters import value
 
-LOW_HZ, HIGH_HZ = 3.0, 12.0
 _STEP_S = 0.001
 Array = NDArray[np.float64]
 
@@ -20,17 +20,10 @@ def torque_of(t_s: Array, acceleration: Array) -> tuple[float, ...]:
     """N m at the elbow, 1000 a second, from m/s2 (N, 3) at rising times."""
     even = np.arange(t_s[0], t_s[-1], _STEP_S)
     evenly = np.stack([np.interp(even, t_s, axis) for axis in acceleration.T])
-    shakes = _band(evenly)
+    shakes = filtered(evenly)
     _, directions = np.linalg.eigh(shakes @ shakes.T)
     arm = wearers_arm()
     return tuple((directions[:, -1] @ shakes * (arm.about_elbow / value("hand"))).tolist())
-
-
-def _band(values: Array) -> Array:
-    hertz = np.fft.rfftfreq(values.shape[1], _STEP_S)
-    parts = np.fft.rfft(values - values.mean(axis=1, keepdims=True), axis=1)
-    parts[:, (hertz < LOW_HZ) | (hertz > HIGH_HZ)] = 0.0
-    return np.asarray(np.fft.irfft(parts, values.shape[1], axis=1), float)
 
 
 def strongest(torque_nm: tuple[float, ...], count: int) -> tuple[float, ...]:

@@ -12,14 +12,12 @@ from dataclasses import dataclass, field
 from math import degrees, hypot, sqrt
 from typing import NamedTuple
 
-import numpy as np
-
 from firmware_sim.assist_profile import NONE, Profile, Profiles
+from firmware_sim.plant.band import speed_power
 from firmware_sim.plant.chain import Pair
 from firmware_sim.plant.drive import Drive
 from firmware_sim.plant.nerves import CONTROLS, Person, Plan
 from firmware_sim.plant.parameters import PRESETS
-from firmware_sim.plant.recorded import HIGH_HZ, LOW_HZ
 from firmware_sim.plant.tremors import Recorded
 from firmware_sim.states import Reason, State
 from firmware_sim.worn_device import WornDevice
@@ -122,8 +120,8 @@ class Trials:
         latched = False
         for tremor in self.wearer.tremors_nm:
             pair = self._pair(held, False, tremor, profile, (_ACT_MS, TRIAL_MS))
-            follow += power(pair[0].elbow[_JUDGED_MS:])
-            left += power(pair[1].elbow[_JUDGED_MS:])
+            follow += speed_power(pair[0].elbow[_JUDGED_MS:])
+            left += speed_power(pair[1].elbow[_JUDGED_MS:])
             wrong = self._pair(reaching, True, tremor, profile, _FALSE_MS)
             harm.append(_harm(*wrong))
             latched = latched or pair[1].latched or wrong[1].latched
@@ -187,14 +185,6 @@ def _harm(follow: Trace, act: Trace) -> tuple[float, float]:
     work = sum(max(0.0, torque * speed) * _STEP_S for torque, speed in zip(act.added_nm, act.speed, strict=True))
     off = max(hypot(x - a, y - b) for (x, y), (a, b) in zip(act.hand, follow.hand, strict=True))
     return work, 1e3 * off
-
-
-def power(angle: list[float]) -> float:
-    """Power of the speed within the band of tremor."""
-    speed = np.diff(angle) / _STEP_S
-    hertz = np.fft.rfftfreq(len(speed), _STEP_S)
-    found = np.abs(np.fft.rfft(speed * np.hanning(len(speed)))) ** 2
-    return float(found[(hertz >= LOW_HZ) & (hertz <= HIGH_HZ)].sum())
 
 
 Score = Callable[[Profile], Figures]

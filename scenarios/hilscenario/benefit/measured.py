@@ -14,6 +14,7 @@ from math import cos, sin
 import numpy as np
 from numpy.typing import NDArray
 
+from firmware_sim.plant.band import filtered
 from firmware_sim.plant.parameters import value
 from hilbridge.core.gate_figures import GateTick, gate_figures
 from hilbridge.limits import MS
@@ -25,7 +26,6 @@ from hilscenario.benefit.visits import Visit, plan_of, wearer_of
 
 # On target: the middle of the palm so near to its plan. Where persons 900 to 903 are half of the time, device off.
 RADIUS_M = 0.005
-LOW_HZ, HIGH_HZ = 3.0, 12.0  # of tremor
 CARRYING = frozenset(VERBS.index(verb) for verb in ("Put", "Transfer", "Pour", "Inspect/Read"))
 SUMS = (
     "seconds", "acting_s", "carrying_s", "on_target_s", "error_m2s", "tremor_m2s", "shaken_m2_s3", "tilted_rad2s",
@@ -82,7 +82,7 @@ def _between(event: Event, from_ns: int) -> slice:
 def measure(played: Played, twin: Played, asked: Sequence[Order], plan: Wanted) -> Sums:
     """The sums of a session. `twin`: the same without the ACTs that were wrong."""
     beside = played.hand - plan.hand
-    error, tremor = np.linalg.norm(beside, axis=1), np.linalg.norm(_trembling(beside), axis=1)
+    error, tremor = np.linalg.norm(beside, axis=1), np.linalg.norm(filtered(beside.T), axis=0)
     shaken = np.zeros_like(played.hand)
     shaken[1:-1] = np.diff(played.hand, 2, axis=0) / STEP_S**2 - plan.acceleration[1:-1]
     moved = np.linalg.norm(played.hand - twin.hand, axis=1)
@@ -109,13 +109,6 @@ def measure(played: Played, twin: Played, asked: Sequence[Order], plan: Wanted) 
         "most_j": _most_of_one(is_wrong, given),
         "most_moved_m": float(moved.max()),
     }
-
-
-def _trembling(beside: Array) -> Array:
-    """What of it is between 3 and 12 Hz."""
-    hertz, parts = np.fft.rfftfreq(len(beside), STEP_S), np.fft.rfft(beside, axis=0)
-    parts[(hertz < LOW_HZ) | (hertz > HIGH_HZ)] = 0.0
-    return np.asarray(np.fft.irfft(parts, len(beside), axis=0), float)
 
 
 def _most_of_one(is_wrong: NDArray[np.bool_], given: Array) -> float:

@@ -11,8 +11,7 @@ from dataclasses import dataclass, replace
 from math import hypot
 from pathlib import Path
 
-import numpy as np
-
+from firmware_sim.plant.band import speed_power
 from firmware_sim.plant.drive import Drive
 from firmware_sim.plant.nerves import CONTROLS, Person, Tremor
 from firmware_sim.plant.parameters import PRESETS
@@ -166,17 +165,9 @@ def difference(run: Trace, twin: Trace) -> Difference:
         1e3 * max(hypot(*one) for one in moved),
         1e3 * max(0.0, *(-up for _, up in moved)),
         max(abs(here - there) for here, there in zip(run.drive_nm, twin.drive_nm, strict=True)),
-        _shaking(run.elbow) / _shaking(twin.elbow),
+        speed_power(run.elbow) / speed_power(twin.elbow),
         run.latched + twin.latched,
     )
-
-
-def _shaking(angle: list[float]) -> float:
-    """Power of the speed between 3 and 12 Hz."""
-    speed = np.diff(angle) / STEP_S
-    hertz = np.fft.rfftfreq(len(speed), STEP_S)
-    power = np.abs(np.fft.rfft(speed * np.hanning(len(speed)))) ** 2
-    return float(power[(hertz >= 3.0) & (hertz <= 12.0)].sum())
 
 
 def cases(seed: int, body: Body, verbs: tuple[str, ...]) -> list[Pair]:

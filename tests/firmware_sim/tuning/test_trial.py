@@ -10,7 +10,7 @@ from firmware_sim.assist_profile import Guidance
 from firmware_sim.plant.recorded import strongest
 from firmware_sim.profiles import profile
 from firmware_sim.tuning import trial
-from firmware_sim.tuning.trial import FollowLatched, Trials, Wearer, held, power, reaching
+from firmware_sim.tuning.trial import FollowLatched, Trials, Wearer, held, reaching
 
 POUR = profile(10)
 SHAKING = tuple(0.6 * sin(2 * pi * 5.0 * ms * 0.001) for ms in range(3_000))
@@ -58,14 +58,6 @@ def test_the_plans_are_smooth_and_begin_and_end_at_rest() -> None:
         for order in (0, 1):
             slope = [(b - a) / 2e-5 for a, b in zip(before[order], after[order], strict=True)]
             assert slope == pytest.approx(reaching(t_s)[order + 1], abs=2e-3)
-
-
-def test_power_is_of_the_band_of_tremor() -> None:
-    def swing(hertz: float) -> float:
-        return power([0.01 / hertz * sin(2 * pi * hertz * ms * 0.001) for ms in range(3_000)])
-
-    assert swing(6.0) > 1e3 * swing(1.0)
-    assert swing(6.0) > 1e3 * swing(20.0)
 
 
 def test_the_strongest_part_of_a_recording() -> None:

@@ -20,6 +20,7 @@ from unittest import mock
 
 import numpy as np
 
+from firmware_sim.plant.band import speed_power
 from firmware_sim.plant.nerves import CONTROLS, Person
 from firmware_sim.plant.parameters import PRESETS
 from firmware_sim.plant.tremors import KINDS, Shaking
@@ -72,9 +73,7 @@ def _powers(device: WornDevice, act: bool) -> tuple[float, list[float]]:
             state.state, state.verb, state.assist_since_ms = State.ASSIST, POUR, state.last_tick_ms
         device.tick()
         angles.append(device.arm.angle[1])
-    speed = np.diff(angles[1_000:])
-    hertz, power = np.fft.rfftfreq(len(speed), 0.001), np.abs(np.fft.rfft(speed * np.hanning(len(speed)))) ** 2
-    return float(power[(hertz >= 3.0) & (hertz <= 12.0)].sum()), angles
+    return speed_power(angles[1_000:]), angles
 
 
 def tremor() -> None:
